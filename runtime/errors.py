@@ -1,0 +1,57 @@
+"""Every error that this package raises on purpose: catch `MosError`, or the builtin that it also is."""
+
+
+class MosError(Exception):
+    """Base of all errors of this package. Each message says what was wrong, where, and what to do."""
+
+
+class SettingError(MosError, ValueError):
+    """A setting is outside what it may be (threads below 1, an unknown post-processing, ...)."""
+
+
+class ScanError(MosError, ValueError):
+    """A scan has the wrong shape, dtype or size."""
+
+
+class PoseError(MosError, ValueError):
+    """A pose is missing, not finite or not a rigid transform."""
+
+
+class SequenceError(MosError, ValueError):
+    """A folder of scans, poses, calibration or labels does not fit together."""
+
+
+class BundleError(MosError, ValueError):
+    """A bundle is missing, incomplete, altered, or of a format that this version does not know."""
+
+
+class CheckpointError(MosError, ValueError):
+    """A checkpoint is not one, or does not hold the tensors of the network that it should."""
+
+
+class TrainingError(MosError, RuntimeError):
+    """Training cannot go on (the loss is not finite, ...); the last good checkpoint is kept."""
+
+
+class ParityError(MosError, ArithmeticError):
+    """An exported bundle does not compute what its checkpoint computes."""
+
+
+class ProviderError(MosError, RuntimeError):
+    """An execution provider that was asked for is not available."""
+
+
+class InferenceError(MosError, RuntimeError):
+    """The network failed, or returned values that are not finite."""
+
+
+class MissingPackageError(MosError, ImportError):
+    """An optional package is not installed; the message names the extra that brings it."""
+
+
+class OutputError(MosError, OSError):
+    """A result could not be written; what had been written before is whole."""
+
+
+class MosWarning(UserWarning):
+    """Something that the user should know but that does not stop the work."""

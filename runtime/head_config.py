@@ -1,0 +1,34 @@
+"""The shape of a point head (paper, Sec. III-D): which channels at which stride."""
+
+from dataclasses import dataclass
+
+from runtime.errors import SettingError
+
+
+@dataclass(frozen=True)
+class PointHeadConfig:
+    """Sparse-convolution U-net over voxels with a point branch. Default: the published full head ("v2")."""
+
+    in_channels: int = 32  # width of the image features; the stem keeps it
+    down: tuple[int, ...] = (32, 64, 128, 256)  # channels of the encoder stages, each halves the resolution
+    up: tuple[int, ...] = (256, 128, 96, 96)  # channels of the decoder stages
+    fuse_after_up: int | None = 2  # point branch joins after this many decoder stages too (None: it does not)
+    dropout: float = 0.3  # after each joining of the point branch, in training
+    voxel_size: float = 0.05  # m
+    reduce: str = "first"  # feature of a voxel: that of its "first" point in scan order, or the "mean" of all
+
+    def __post_init__(self) -> None:
+        if len(self.down) != len(self.up) or not self.down:
+            raise SettingError(f"a point head needs as many up as down stages, not {self.down} and {self.up}")
+        if self.fuse_after_up is not None and not 1 <= self.fuse_after_up < len(self.up):
+            raise SettingError(
+                f"fuse_after_up must lie within 1..{len(self.up) - 1}, not {self.fuse_after_up}"
+            )
+        if self.voxel_size <= 0 or min(self.in_channels, *self.down, *self.up) < 1:
+            raise SettingError("a point head needs a positive voxel size and positive channel counts")
+        if self.reduce not in ("first", "mean"):
+            raise SettingError(f"reduce must be 'first' or 'mean', not {self.reduce!r}")
+
+
+FULL = PointHeadConfig()
+LITE = PointHeadConfig(down=(64, 128), up=(96, 96), fuse_after_up=None, dropout=0.0)
