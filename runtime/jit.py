@@ -8,13 +8,13 @@ used. Compiled code is cached on disk; where no folder is writable, kernels comp
 import os
 import warnings
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import numba
 
 from runtime.errors import MosWarning
 
-F = TypeVar("F", bound=Callable[..., Any])
+Function = Callable[..., Any]  # Numba finds out what the arguments are
 
 # Sums may be contracted and reordered; NaN and infinity keep their meaning (kernels test for them).
 FASTMATH = {"contract", "reassoc", "nsz"}
@@ -22,10 +22,10 @@ FASTMATH = {"contract", "reassoc", "nsz"}
 _warned = False
 
 
-def _compile(function: F, **options: Any) -> F:
+def _compile(function: Function, **options: Any) -> Function:
     global _warned
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)  # type: ignore[no-any-return]
+        return numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     except RuntimeError as error:  # Numba finds no folder that it may write its cache to
         if "cannot cache function" not in str(error):
             raise
@@ -37,20 +37,20 @@ def _compile(function: F, **options: Any) -> F:
             MosWarning,
             stacklevel=4,
         )
-    return numba.njit(nogil=True, error_model="numpy", **options)(function)  # type: ignore[no-any-return]
+    return numba.njit(nogil=True, error_model="numpy", **options)(function)
 
 
-def kernel(function: F) -> F:
+def kernel(function: Function) -> Function:
     """Compile a kernel with IEEE arithmetic."""
     return _compile(function)
 
 
-def fast_kernel(function: F) -> F:
+def fast_kernel(function: Function) -> Function:
     """Compile a kernel whose sums may be contracted and reordered (so that loops vectorise)."""
     return _compile(function, fastmath=FASTMATH)
 
 
-def inlined(function: F) -> F:
+def inlined(function: Function) -> Function:
     """Compile a helper that is inlined into the kernels of its own file."""
     return _compile(function, fastmath=FASTMATH, inline="always")
 

@@ -1,0 +1,134 @@
+"""Accuracy of bundles through MosRunner, beside untrained baselines: `python -m bench.accuracy models/rt`."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import numpy as np
+import typer
+
+from bench.report import save, show
+from mos_model.metrics import Confusion
+from mos_model.simulator import simulate
+from runtime import MosRunner
+from runtime.inputs import InputBuilder
+from runtime.labels import read_labels, to_classes
+from runtime.sensor import HISTORY, Residual, Sensor
+from runtime.sequence import open_sequence
+from runtime.workers import Workers
+
+STREETS = 12_000_000  # seeds of the simulated test streets: neither training, validation nor calibration has them
+QUIET = 13_000_000  # seeds of streets without a mover
+
+
+class Scan(NamedTuple):
+    """A scan with what is known of it."""
+
+    points: np.ndarray  # (N, 4) f32
+    pose: np.ndarray  # (4, 4)
+    classes: np.ndarray  # (N,) 0 unlabelled, 1 static, 2 moving
+    scored: bool
+
+
+Drive = Callable[[], Iterator[Scan]]
+Labeller = Callable[[Scan], np.ndarray]  # moving (N,)
+
+
+def simulated(first: int, count: int, frames: int, **settings: object) -> list[Drive]:
+    """Drives of HISTORY + `frames` scans, of which the last are scored."""
+
+    def drive(seed: int) -> Iterator[Scan]:
+        for index, frame in enumerate(simulate(seed, HISTORY + frames, **settings)):
+            yield Scan(frame.points, frame.pose, to_classes(frame.labels), index >= HISTORY)
+
+    return [lambda seed=first + i: drive(seed) for i in range(count)]
+
+
+def real(folder: Path, first: int = HISTORY, limit: int | None = None) -> Drive:
+    """A KITTI sequence, from frame `first` on scored. Without labels every point counts as static."""
+
+    def drive() -> Iterator[Scan]:
+        sequence = open_sequence(folder, limit=limit)
+        for index, path in enumerate(sequence.scans):
+            points, pose = sequence.read(index)
+            labels = folder / "labels" / f"{path.stem}.label"
+            known = labels.is_file()
+            classes = to_classes(read_labels(labels, len(points))) if known else np.ones(len(points), np.uint8)
+            yield Scan(points, pose, classes, index >= first)
+
+    return drive
+
+
+def score(drives: list[Drive], start: Callable[[], Labeller]) -> Confusion:
+    """One confusion matrix over all scored scans; `start` is called for every drive."""
+    confusion = Confusion()
+    for drive in drives:
+        label = start()
+        for scan in drive():
+            moving = label(scan)
+            if scan.scored:
+                confusion.add(scan.classes, np.where(moving, 2, 1))
+    return confusion
+
+
+def with_runner(runner: MosRunner) -> Callable[[], Labeller]:
+    def start() -> Labeller:
+        runner.reset()
+        return lambda scan: runner(scan.points, scan.pose).moving
+
+    return start
+
+
+def residual_threshold() -> Labeller:
+    """Untrained: the median over the 8 past scans of (r_past - r_now) / r_now is above 0.1."""
+    builder, past = InputBuilder(Sensor(), Residual(kind="signed"), Workers(2)), []
+
+    def label(scan: Scan) -> np.ndarray:
+        scans, relative = [p for p, _ in past[::-1]], [np.linalg.inv(scan.pose) @ q for _, q in past[::-1]]
+        made = builder.build(scan.points, scans, relative)
+        moving = (np.median(made.image[5:], axis=0) > 0.1).reshape(-1)[np.maximum(made.pixel, 0)] & (made.pixel >= 0)
+        past.append((np.ascontiguousarray(scan.points[made.pixel >= 0, :3]), scan.pose))
+        del past[:-HISTORY]
+        return moving
+
+    return label
+
+
+def bench(
+    bundles: Annotated[list[Path], typer.Argument(help="Bundles")],
+    kitti: Annotated[Path | None, typer.Option(help="Root of KITTI sequences 90 (labelled) and 00")] = None,
+    streets: Annotated[int, typer.Option(help="Simulated test streets")] = 40,
+    frames: Annotated[int, typer.Option(help="Scored scans of each")] = 3,
+    quiet: Annotated[int, typer.Option(help="Simulated scans without a mover")] = 200,
+    threads: int = 2,
+    out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
+) -> None:
+    """Moving IoU, precision and recall (%) of every bundle and post-processing; false alarms where nothing moves."""
+    sets = {"simulated": simulated(STREETS, streets, frames)}
+    alarms = {"quiet streets": simulated(QUIET, -(-quiet // 4), 4, movers=0.0)}
+    if kitti is not None:
+        sets["real 90"] = [real(kitti / "sequences/90")]
+        alarms["real 00, frames 8-10"] = [real(kitti / "sequences/00", limit=11)]
+    systems = {"residual threshold, untrained": residual_threshold}
+    for bundle in bundles:
+        kinds = ["none", "knn"]
+        if MosRunner(bundle, threads=threads, postprocess="none").bundle.manifest.point_head is not None:
+            kinds.append("head")
+        for kind in kinds:
+            systems[f"{bundle.name}, {kind}"] = with_runner(MosRunner(bundle, threads=threads, postprocess=kind))
+    rows: dict[str, dict[str, float]] = {}
+    for name, start in systems.items():
+        row = rows[name] = {}
+        for title, drives in sets.items():
+            found = score(drives, start)
+            for measure in ("iou", "precision", "recall"):
+                row[f"{title} {measure}"] = round(100 * getattr(found, measure), 2)
+        for title, drives in alarms.items():
+            matrix = score(drives, start).matrix
+            row[f"{title} false alarms"] = round(100 * matrix[1, 2] / max(1, matrix[1].sum()), 4)
+    show("moving class, %", rows)
+    save(out, threads, {"streets": streets, "frames": frames, "quiet": quiet, "percent": rows})
+
+
+if __name__ == "__main__":
+    typer.run(bench)

@@ -1,0 +1,59 @@
+"""Time of an image network in PyTorch, ONNX Runtime and OpenVINO: `python -m bench.image_net`."""
+
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import torch
+import typer
+
+from bench.report import interleaved, save, show, summary
+from export.write import image_net_model
+from mos_model.config import named_config
+from mos_model.network import build_image_network
+from runtime.image_net import ImageNet
+
+
+def bench(
+    config: Annotated[str, typer.Option(help="Network: lmnet, b, c, d, e, v1, rt")] = "v1",
+    channels: int = 32,
+    threads: int = 2,
+    rounds: int = 7,
+    out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
+) -> None:
+    """Median time of one image with random weights; outputs are compared first. OpenVINO only where it is installed."""
+    torch.manual_seed(0)
+    torch.set_num_threads(threads)
+    model = named_config(config, channels)
+    network = build_image_network(model).eval()
+    sensor = model.sensor
+    shape = (model.in_channels, sensor.height, sensor.width)
+    image = np.random.default_rng(0).normal(0, 0.5, shape).astype(np.float32)
+    tensor = torch.from_numpy(image[None])
+    with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
+        path = Path(folder) / "image_net.onnx"
+        path.write_bytes(image_net_model(model, network))
+        net = ImageNet(path, threads=threads)
+        want = network(tensor).logits.softmax(1)[0].numpy()
+        tasks = {"PyTorch eager": lambda: network(tensor), "ONNX Runtime": lambda: net.run(image)}
+        differences = {"ONNX Runtime": float(np.abs(net.run(image)[0] - want).max())}
+        try:
+            import openvino
+        except ImportError:
+            typer.echo("OpenVINO is not installed (pip install openvino): its row is left out")
+        else:
+            settings = {"INFERENCE_NUM_THREADS": threads, "INFERENCE_PRECISION_HINT": "f32"}
+            compiled = openvino.Core().compile_model(str(path), "CPU", settings)
+            tasks["OpenVINO"] = lambda: compiled(image[None])
+            differences["OpenVINO"] = float(np.abs(compiled(image[None])[0][0] - want).max())
+        rows = {name: summary(seconds) for name, seconds in interleaved(tasks, rounds).items()}
+    for name, row in rows.items():
+        row["of PyTorch"] = round(row["median"] / rows["PyTorch eager"]["median"], 3)
+        row["largest difference"] = f"{differences.get(name, 0.0):.0e}"
+    show(f"{config}, {channels} channels, {sensor.height} x {sensor.width}, {threads} threads, FP32, ms", rows)
+    save(out, threads, {"config": config, "channels": channels, "ms": rows})
+
+
+if __name__ == "__main__":
+    typer.run(bench)

@@ -1,0 +1,84 @@
+"""What every benchmark has in common: where it ran, how times are summed up, and the JSON file."""
+
+import importlib.metadata
+import json
+import platform
+import subprocess
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("numpy", "numba", "onnxruntime", "torch", "openvino")
+
+
+def machine(threads: int) -> dict[str, Any]:
+    """CPU, threads, versions and commit of this run."""
+    cpu = platform.processor()
+    if Path("/proc/cpuinfo").exists():
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        cpu = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), cpu)
+    versions = {}
+    for package in PACKAGES:
+        try:
+            versions[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    commit = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True)
+    return {
+        "cpu": cpu,
+        "threads": threads,
+        "python": platform.python_version(),
+        "versions": versions,
+        "commit": commit.stdout.strip(),
+        "date": time.strftime("%Y-%m-%d"),
+    }
+
+
+def interleaved(tasks: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, list[float]]:
+    """Seconds of each task, in turn A B C A B C ..., after one warm-up of each."""
+    for task in tasks.values():
+        task()
+    seconds: dict[str, list[float]] = {name: [] for name in tasks}
+    for _ in range(rounds):
+        for name, task in tasks.items():
+            started = time.perf_counter()
+            task()
+            seconds[name].append(time.perf_counter() - started)
+    return seconds
+
+
+def summary(seconds: list[float]) -> dict[str, Any]:
+    """Milliseconds: median and range; p95 and p99 where there are samples enough."""
+    ms = 1e3 * np.asarray(seconds)
+    found = {"median": float(np.median(ms)), "min": float(ms.min()), "max": float(ms.max()), "runs": len(ms)}
+    if len(ms) >= 20:
+        found["p95"] = float(np.percentile(ms, 95))
+    if len(ms) >= 100:
+        found["p99"] = float(np.percentile(ms, 99))
+    return {key: value if key == "runs" else round(value, 2) for key, value in found.items()}
+
+
+def show(title: str, rows: Mapping[str, Mapping[str, Any]]) -> None:
+    """Print rows (name -> column -> value) as a table."""
+    columns = list(dict.fromkeys(column for row in rows.values() for column in row))
+    table = Table(title=title, title_justify="left")
+    table.add_column("")
+    for column in columns:
+        table.add_column(column, justify="right")
+    for name, row in rows.items():
+        table.add_row(name, *(f"{row[c]:.2f}" if isinstance(row.get(c), float) else str(row.get(c, "")) for c in columns))
+    Console().print(table)
+
+
+def save(path: Path | None, threads: int, results: Mapping[str, Any]) -> None:
+    """Write the results with the machine as JSON."""
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps({"machine": machine(threads), **results}, indent=2) + "\n")
+        Console().print(f"written: {path}", highlight=False, soft_wrap=True)

@@ -1,0 +1,80 @@
+"""Time to the first result, peak memory and size of the installation: `python -m bench.startup BUNDLE`."""
+
+import importlib.metadata
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.report import save, show, summary
+
+CHILD = """
+import json, os, resource, sys, time
+started = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + int(open("/proc/self/stat").read().rsplit(")", 1)[1].split()[19]) / os.sysconf("SC_CLK_TCK")
+from pathlib import Path
+import numpy as np
+from runtime import MosRunner
+scan = np.load(sys.argv[2])
+runner = MosRunner(sys.argv[1], threads=int(sys.argv[3]), refine="all")
+runner(scan, np.eye(4))
+first = time.time() - started
+for _ in range(int(sys.argv[4])):
+    runner(scan, np.eye(4))
+print(json.dumps([first, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024]))
+"""
+
+
+def installed_sizes(name: str, seen: dict[str, float]) -> dict[str, float]:
+    """MB on disk of a distribution and all that it needs."""
+    if name.lower() in seen:
+        return seen
+    try:
+        distribution = importlib.metadata.distribution(name)
+    except importlib.metadata.PackageNotFoundError:
+        return seen
+    files = distribution.files or []
+    paths = [Path(str(file.locate())) for file in files if ".pyc" not in file.name]
+    seen[name.lower()] = sum(path.stat().st_size for path in paths if path.is_file()) / 1e6
+    for requirement in distribution.requires or []:
+        if "extra ==" not in requirement:
+            installed_sizes(requirement.split(";")[0].split("[")[0].strip().rstrip("<>=!~ 0123456789.,"), seen)
+    return seen
+
+
+def bench(
+    bundle: Annotated[Path, typer.Argument(help="A bundle")],
+    sequence: Annotated[Path | None, typer.Option(help="A KITTI sequence; else a simulated street")] = None,
+    threads: int = 2,
+    rounds: int = 5,
+    scans: Annotated[int, typer.Option(help="Scans after the first, for the peak of memory")] = 10,
+    out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
+) -> None:
+    """From the start of a process to its first result, kernels compiled before; peak resident memory."""
+    import tempfile
+
+    import numpy as np
+
+    from bench.scans import load_frames
+
+    scan = load_frames(sequence, 1)[0][0]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scan.npy"
+        np.save(path, scan)
+        command = [sys.executable, "-c", CHILD, str(bundle), str(path), str(threads), str(scans)]
+        runs = []
+        for _ in range(rounds + 1):
+            done = subprocess.run(command, capture_output=True, text=True, check=True)
+            runs.append(json.loads(done.stdout.splitlines()[-1]))
+    first, peak = zip(*runs[1:], strict=True)
+    show(f"start to first result, {len(scan)} points, {threads} threads, ms", {str(bundle): summary(list(first))})
+    typer.echo(f"peak resident memory: {max(peak):.0f} MB")
+    sizes = dict(sorted(installed_sizes("lidar-mos", {}).items(), key=lambda item: -item[1]))
+    show("installed, MB", {name: {"MB": size} for name, size in sizes.items()} | {"together": {"MB": sum(sizes.values())}})
+    save(out, threads, {"first_result_ms": summary(list(first)), "peak_mb": max(peak), "installed_mb": sizes})
+
+
+if __name__ == "__main__":
+    typer.run(bench)

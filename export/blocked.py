@@ -1,0 +1,71 @@
+"""Two blocks of the network in a form that ONNX Runtime computes without leaving its blocked memory layout.
+
+ONNX Runtime's fast convolutions keep 8 or 16 channels of a pixel together. Slices know only the plain layout, so each
+costs a pass over the map to reorder it, there and back. A convolution that copies one pixel of its window does the
+same as a slice, in the blocked layout. The values are those of `mos_model.blocks`, to the last bit but for the order of
+sums.
+"""
+
+import copy
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from mos_model.blocks import MetaKernel, SoftPool, act
+
+
+def with_blocked_forms(network: nn.Module) -> nn.Module:
+    """A copy of `network` with each SoftPool and MetaKernel in its form for ONNX Runtime."""
+    network = copy.deepcopy(network)
+    for module in list(network.modules()):
+        for name, child in module.named_children():
+            if isinstance(child, SoftPool):
+                setattr(module, name, BlockedSoftPool())
+            elif isinstance(child, MetaKernel):
+                setattr(module, name, BlockedMetaKernel(child))
+    return network
+
+
+def copies(size: int) -> Tensor:
+    """(size * size, 1, 1, size, size): kernel j copies pixel j (row-major) of a window."""
+    return torch.eye(size * size).view(size * size, 1, 1, size, size)
+
+
+class BlockedSoftPool(nn.Module):
+    """SoftPool (paper, Sec. III-C); the window's pixels come from four copying convolutions."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.register_buffer("copy", copies(2))
+
+    def forward(self, x: Tensor) -> Tensor:
+        c = x.shape[1]
+        pixels = [F.conv2d(x, kernel.expand(c, 1, 2, 2), stride=2, groups=c) for kernel in self.copy.unbind()]
+        a, b, c, d = pixels  # 4 x (B, C, H/2, W/2)
+        top = torch.maximum(torch.maximum(a, b), torch.maximum(c, d))
+        ea, eb, ec, ed = ((pixel - top).exp() for pixel in pixels)  # 0..1, one of them 1: no overflow
+        return (a * ea + b * eb + c * ec + d * ed) / (ea + eb + ec + ed)
+
+
+class BlockedMetaKernel(nn.Module):
+    """MetaKernel (paper, Sec. III-A); conv1 of (neighbour - centre) is one 3x3 convolution with two taps."""
+
+    def __init__(self, block: MetaKernel) -> None:
+        super().__init__()
+        self.block = block
+        self.register_buffer("copy", copies(3))
+        difference = self.copy - self.copy[4]  # (9, 1, 1, 3, 3)
+        self.register_buffer("near", block.conv1.weight.detach() * difference)  # (9, 16, 5, 3, 3)
+
+    def forward(self, x: Tensor, features: Tensor) -> Tensor:
+        block, c = self.block, features.shape[1]
+        out = None
+        for j in range(9):
+            hidden = act(F.conv2d(x, self.near[j], block.conv1.bias, padding=1))  # (B, 16, H, W)
+            weight = block.conv2(hidden)  # (B, c, H, W)
+            neighbour = F.conv2d(features, self.copy[j].expand(c, 1, 3, 3), padding=1, groups=c) if j != 4 else features
+            bias = block.conv1x1.bias if j == 0 else None
+            part = F.conv2d(weight * neighbour, block.conv1x1.weight[:, j::9], bias)  # (B, c, H, W)
+            out = part if out is None else out + part
+        return out

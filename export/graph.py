@@ -1,0 +1,147 @@
+"""A small graph of operations over one image, and its form as an ONNX model."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+OPSET = 17
+IR_VERSION = 8  # of the ONNX file, that of opset 17
+
+
+@dataclass
+class Weight:
+    """A constant: `values` as the checkpoint has them, times `scale` that a rewriting folded in (broadcast)."""
+
+    values: np.ndarray
+    scale: np.ndarray | None = None
+
+    def folded(self) -> np.ndarray:
+        """The array that the network computes with."""
+        if self.scale is None:
+            return self.values
+        return (self.values * self.scale).astype(np.float32)
+
+
+@dataclass
+class Node:
+    """One operation with one output; `op` and `attributes` are those of ONNX."""
+
+    op: str
+    inputs: list[str]
+    output: str
+    attributes: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Graph:
+    """Nodes in the order of computation; every value has a name and, but for weights, a fixed shape."""
+
+    nodes: list[Node] = field(default_factory=list)
+    weights: dict[str, Weight] = field(default_factory=dict)
+    shapes: dict[str, tuple[int, ...]] = field(default_factory=dict)
+    inputs: list[str] = field(default_factory=list)
+    outputs: list[str] = field(default_factory=list)
+    _count: int = 0
+
+    def add(self, op: str, inputs: list[str], shape: tuple[int, ...], **attributes: Any) -> str:
+        """Append a node and return the name of its output."""
+        output = self.new_name(op, shape)
+        self.nodes.append(Node(op, inputs, output, attributes))
+        return output
+
+    def new_name(self, op: str, shape: tuple[int, ...]) -> str:
+        """An unused name, for a value of `shape`."""
+        self._count += 1
+        name = f"{op.lower()}_{self._count}"
+        self.shapes[name] = shape
+        return name
+
+    def weight(self, name: str, values: np.ndarray, scale: np.ndarray | None = None) -> str:
+        """Store a constant and return its name."""
+        if name in self.weights:
+            self._count += 1
+            name = f"{name}_{self._count}"
+        self.weights[name] = Weight(np.ascontiguousarray(values), scale)
+        return name
+
+    def producer(self, name: str) -> Node | None:
+        """The node whose output is `name`; None for weights and inputs of the graph."""
+        return next((node for node in self.nodes if node.output == name), None)
+
+    def consumers(self, name: str) -> list[Node]:
+        """The nodes that take `name`."""
+        return [node for node in self.nodes if name in node.inputs]
+
+    def replace(self, old: str, new: str) -> None:
+        """Let everything that takes `old` take `new`."""
+        for node in self.nodes:
+            node.inputs = [new if name == old else name for name in node.inputs]
+        self.outputs = [new if name == old else name for name in self.outputs]
+
+    def sweep(self) -> None:
+        """Drop nodes and weights that no output needs."""
+        needed, kept = set(self.outputs), []
+        for node in reversed(self.nodes):
+            if node.output in needed:
+                kept.append(node)
+                needed.update(node.inputs)
+        self.nodes = kept[::-1]
+        self.weights = {name: weight for name, weight in self.weights.items() if name in needed}
+
+
+def to_model(graph: Graph) -> onnx.ModelProto:
+    """The ONNX model of `graph`, the same bytes for the same graph.
+
+    Kernels that float16 holds without loss are stored so, each followed by the Cast (and the scale folded into it) that
+    a runtime computes once, when it loads the model; all arithmetic is float32.
+    """
+    nodes: list[onnx.NodeProto] = []
+    initialisers: list[TensorProto] = []
+    for name, weight in graph.weights.items():
+        half = _as_half(weight.values)
+        if half is not None:
+            initialisers.append(numpy_helper.from_array(half, f"{name}.half"))
+            scaled = weight.scale is not None
+            cast = f"{name}.cast" if scaled else name
+            nodes.append(helper.make_node("Cast", [f"{name}.half"], [cast], cast, to=TensorProto.FLOAT))
+            if weight.scale is not None:
+                scale = weight.scale.astype(np.float32)
+                initialisers.append(numpy_helper.from_array(scale, f"{name}.scale"))
+                nodes.append(helper.make_node("Mul", [cast, f"{name}.scale"], [name], name))
+        else:
+            initialisers.append(numpy_helper.from_array(weight.folded(), name))
+    for node in graph.nodes:
+        attributes = dict(sorted(node.attributes.items()))
+        nodes.append(helper.make_node(node.op, node.inputs, [node.output], node.output, **attributes))
+    model = helper.make_model(
+        helper.make_graph(
+            nodes,
+            "image_net",
+            list(_values(graph, graph.inputs)),
+            list(_values(graph, graph.outputs)),
+            initialisers,
+        ),
+        producer_name="lidar-mos",
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+    )
+    onnx.checker.check_model(model, full_check=True)
+    return model
+
+
+def _as_half(values: np.ndarray) -> np.ndarray | None:
+    """`values` as float16 if they are the kernel of a convolution and lose nothing."""
+    if values.ndim < 4:
+        return None
+    with np.errstate(over="ignore"):
+        half = values.astype(np.float16)
+    return half if np.array_equal(half, values) else None
+
+
+def _values(graph: Graph, names: list[str]) -> Iterator[onnx.ValueInfoProto]:
+    for name in names:
+        yield helper.make_tensor_value_info(name, TensorProto.FLOAT, graph.shapes[name])

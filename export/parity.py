@@ -1,0 +1,112 @@
+"""The gate of the export: PyTorch and the finished bundle, side by side on a simulated street."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from mos_model.simulator import simulate
+from runtime.bundle import Bundle
+from runtime.errors import ParityError
+from runtime.image_net import ImageNet
+from runtime.inputs import ImageInput, InputBuilder
+from runtime.point_head import FeatureMap, PointHeadEngine
+from runtime.sensor import HISTORY, Residual, Sensor
+from runtime.workers import Workers
+
+LIMIT = 1e-4  # largest difference of a probability
+SEED = 2026  # of the simulated street
+
+
+@dataclass(frozen=True)
+class Parity:
+    """Largest differences between PyTorch and the bundle over one scan."""
+
+    image_net: float  # of a probability of a pixel
+    features: float  # of a feature, relative to the largest one
+    point_head: float | None  # of a probability of a point, each side with its own image network
+    points: int  # points of the scan
+
+    def worst(self) -> float:
+        """Largest difference of a probability."""
+        return max(self.image_net, self.point_head or 0.0)
+
+    def to_manifest(self) -> dict[str, Any]:
+        """Rounded up to one digit, so that the last bits of another machine make no other bundle."""
+        figures = {"image_net": self.image_net, "features": self.features, "point_head": self.point_head}
+        measured = {key: _rounded_up(value) for key, value in figures.items() if value is not None}
+        return {**measured, "against": "PyTorch", "input": f"simulated scan of {self.points} points", "limit": LIMIT}
+
+
+def check_parity(bundle: Bundle, image_net: nn.Module, point_head: nn.Module | None, threads: int = 2) -> Parity:
+    """Compare a bundle with the modules that it was made from. Raises ParityError beyond LIMIT."""
+    manifest = bundle.manifest
+    workers = Workers(threads)
+    scan, image = simulated_input(manifest.sensor, manifest.residual, workers)
+    with torch.inference_mode():
+        want = image_net(torch.from_numpy(image.image[None]))
+        want_probabilities, want_features = want.logits.softmax(1)[0].numpy(), want.features[0].numpy()
+    net = ImageNet.of(bundle, precision="float32", threads=threads)
+    probabilities, features = net.run(image.image)
+    parity = Parity(
+        image_net=_difference(probabilities, want_probabilities),
+        features=_difference(features, want_features) / max(float(np.abs(want_features).max()), 1e-30),
+        point_head=_head_difference(bundle, point_head, scan, image, features, want_features, workers),
+        points=len(scan),
+    )
+    workers.close()
+    if not parity.worst() <= LIMIT:  # NaN fails too
+        raise ParityError(
+            f"the exported network differs from PyTorch by {parity.worst():.1e} in a probability "
+            f"(image network {parity.image_net:.1e}, point head {parity.point_head}); the limit is {LIMIT:g}. "
+            "Nothing was written"
+        )
+    return parity
+
+
+def simulated_input(sensor: Sensor, residual: Residual, workers: Workers) -> tuple[np.ndarray, ImageInput]:
+    """The last scan (N, 4) of a simulated drive with a full history, and the network's input for it."""
+    frames = list(simulate(SEED, HISTORY + 1, movers=1.6))
+    current, past = frames[-1], frames[-2::-1]
+    relative = [np.linalg.inv(current.pose) @ frame.pose for frame in past]
+    builder = InputBuilder(sensor, residual, workers)
+    return current.points, builder.build(current.points, [frame.points for frame in past], relative)
+
+
+def _head_difference(
+    bundle: Bundle,
+    head: nn.Module | None,
+    scan: np.ndarray,
+    image: ImageInput,
+    features: np.ndarray,
+    want_features: np.ndarray,
+    workers: Workers,
+) -> float | None:
+    config = bundle.manifest.point_head
+    if head is None or config is None:
+        return None
+    valid = image.pixel >= 0
+    xyz = np.ascontiguousarray(scan[:, :3])
+    of_points = np.ascontiguousarray(want_features.reshape(len(want_features), -1)[:, image.pixel[valid]].T)
+    with torch.inference_mode():
+        grid = head.grid(torch.from_numpy(xyz[valid]))
+        want = head(grid, torch.from_numpy(of_points)).softmax(1).numpy()
+    engine = PointHeadEngine(bundle.point_head(), config, workers)
+    got = engine.refine(xyz, valid, FeatureMap(features, image.u, image.v))
+    return _difference(got[valid], want)
+
+
+def _difference(got: np.ndarray, want: np.ndarray) -> float:
+    """Largest absolute difference; infinite where either is not finite."""
+    difference = float(np.abs(got - want).max()) if got.size else 0.0
+    return difference if np.isfinite(difference) else float("inf")
+
+
+def _rounded_up(value: float) -> float:
+    """To one significant digit."""
+    if value == 0:
+        return 0.0
+    step = 10.0 ** np.floor(np.log10(value))
+    return float(f"{np.ceil(value / step) * step:.0e}")

@@ -1,0 +1,70 @@
+"""Rewriting of the graph: BatchNorms go into convolutions wherever that is exact."""
+
+import numpy as np
+
+from export.graph import Graph, Node
+
+
+def fold_norms(graph: Graph) -> None:
+    """Fold each scale and shift into the convolution before it, or else into the one after it.
+
+    After: only a convolution without padding, directly or through a concatenation (in the published networks a LeakyReLU
+    stands before the BatchNorm); a padded one sees zeros beyond the border, which have no shift.
+    """
+    for node in list(graph.nodes):
+        if node.op == "BatchNormalization" and node.output not in graph.outputs:
+            _fold_before(graph, node) or _fold_after(graph, node)
+    graph.sweep()
+
+
+def _fold_before(graph: Graph, norm: Node) -> bool:
+    conv = graph.producer(norm.inputs[0])
+    if conv is None or conv.op != "Conv" or len(graph.consumers(conv.output)) > 1:
+        return False
+    scale, shift = _affine(graph, norm)
+    bias = _bias(graph, conv) * scale + shift
+    _set_weights(graph, conv, scale[:, None, None, None], bias)
+    graph.replace(norm.output, conv.output)
+    return True
+
+
+def _fold_after(graph: Graph, norm: Node) -> bool:
+    first, conv = 0, _only_consumer(graph, norm.output)
+    if conv is not None and conv.op == "Concat" and conv.inputs.count(norm.output) == 1:
+        before = conv.inputs[: conv.inputs.index(norm.output)]
+        first, conv = sum(graph.shapes[name][1] for name in before), _only_consumer(graph, conv.output)
+    if conv is None or conv.op != "Conv" or any(conv.attributes["pads"]) or conv.attributes["group"] != 1:
+        return False
+    scale, shift = _affine(graph, norm)
+    weight = graph.weights[conv.inputs[1]].folded()
+    channels = slice(first, first + len(scale))
+    bias = _bias(graph, conv) + np.einsum("oihw,i->o", weight[:, channels].astype(np.float64), shift)
+    factors = np.ones((1, weight.shape[1], 1, 1))
+    factors[0, channels, 0, 0] = scale
+    _set_weights(graph, conv, factors, bias)
+    graph.replace(norm.output, norm.inputs[0])
+    return True
+
+
+def _only_consumer(graph: Graph, name: str) -> Node | None:
+    consumers = graph.consumers(name)
+    return consumers[0] if len(consumers) == 1 and name not in graph.outputs else None
+
+
+def _affine(graph: Graph, norm: Node) -> tuple[np.ndarray, np.ndarray]:
+    scale, shift = (graph.weights[name].values.astype(np.float64) for name in norm.inputs[1:3])
+    return scale, shift
+
+
+def _bias(graph: Graph, conv: Node) -> np.ndarray:
+    if len(conv.inputs) > 2:
+        return graph.weights[conv.inputs[2]].values.astype(np.float64)
+    return np.zeros(graph.shapes[conv.output][1])
+
+
+def _set_weights(graph: Graph, conv: Node, factors: np.ndarray, bias: np.ndarray) -> None:
+    """Multiply the kernel by `factors` and give the convolution a new bias."""
+    weight = graph.weights[conv.inputs[1]]
+    scale = factors if weight.scale is None else weight.scale * factors
+    kernel = graph.weight(conv.inputs[1], weight.values, scale)
+    conv.inputs = [conv.inputs[0], kernel, graph.weight(f"{conv.output}.bias", bias.astype(np.float32))]

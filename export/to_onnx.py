@@ -1,0 +1,217 @@
+"""Checkpoint -> bundle: `python export/to_onnx.py --checkpoint X --out models/NAME`, or `mos export`."""
+
+import hashlib
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import torch
+import typer
+from torch import Tensor, nn
+
+from export.blocked import with_blocked_forms
+from export.graph import to_model
+from export.parity import Parity, check_parity
+from export.published import Source, understand
+from export.reader import read_tensors
+from export.rewrite import fold_norms
+from export.tracing import trace
+from export.write import file_entry, plain, replacing, rounded_to_half, write_manifest, write_point_head
+from runtime.bundle import DEFAULT_BUNDLE, IMAGE_NET, POINT_HEAD, Bundle, Decision, Manifest, load_bundle
+from runtime.errors import CheckpointError, MosError, SettingError
+
+ROOT = Path(__file__).resolve().parents[1]
+PRECISIONS = ("float16", "float32")
+
+
+@dataclass(frozen=True)
+class Export:
+    """What an export did."""
+
+    source: Source
+    bundle: Bundle
+    parity: Parity
+
+
+class _Outputs(nn.Module):
+    """The image network with what a bundle gives: probabilities and features."""
+
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        output = self.network(image)
+        return output.logits.softmax(1), output.features
+
+
+def export_checkpoint(
+    checkpoint: Path,
+    out: Path,
+    network: str | None = None,
+    weights: str | None = None,
+    height: int | None = None,
+    width: int | None = None,
+    trained: bool | None = None,
+    threads: int = 2,
+) -> Export:
+    """Write the bundle of a checkpoint to `out` and compare the two; a bundle that disagrees is not kept.
+
+    network: name of a published network, where its file leaves open which one it is.
+    weights: how kernels are stored, "float32" or "float16"; None: float16 for checkpoints of lidar-mos, else float32.
+    height, width: of the range image to export for; None: those of the checkpoint (published ones: 64 x 2048).
+    trained: whether the weights are; None: what the checkpoint says.
+
+    Raises CheckpointError, ParityError, SettingError, BundleError (`out` is something else) or OutputError.
+    """
+    if weights is not None and weights not in PRECISIONS:
+        raise SettingError(f"weights must be stored as {' or '.join(PRECISIONS)}, not {weights!r}")
+    source = understand(read_tensors(checkpoint), checkpoint, network)
+    source = replace(source, trained=source.trained if trained is None else trained)
+    sensor = source.config.sensor
+    sensor = replace(sensor, height=height or sensor.height, width=width or sensor.width)
+    source = replace(source, config=replace(source.config, sensor=sensor))
+    precision = weights or ("float16" if source.kind == "checkpoint of lidar-mos" else "float32")
+    if precision == "float16":
+        rounded_to_half(source.image_net, f"{checkpoint}: image network")
+        if source.point_head is not None:
+            rounded_to_half(source.point_head, f"{checkpoint}: point head")
+    with replacing(out) as folder:
+        _write_networks(folder, source, precision)
+        manifest = _manifest(folder, source, precision, checkpoint)
+        write_manifest(folder, manifest)
+        parity = check_parity(load_bundle(folder), source.image_net, source.point_head, threads)
+        write_manifest(folder, replace(manifest, parity=parity.to_manifest()))
+    return Export(source, load_bundle(out), parity)
+
+
+def onnx_bytes(network: nn.Module, shape: tuple[int, ...]) -> bytes:
+    """The ONNX model of an image network for an image of `shape` (1, channels, H, W)."""
+    graph = trace(with_blocked_forms(_Outputs(network)), shape)
+    fold_norms(graph)
+    return to_model(graph).SerializeToString(deterministic=True)
+
+
+def _write_networks(folder: Path, source: Source, precision: str) -> None:
+    config = source.config
+    shape = (1, config.in_channels, config.sensor.height, config.sensor.width)
+    (folder / IMAGE_NET).write_bytes(onnx_bytes(source.image_net, shape))
+    if source.point_head is not None and config.point_head is not None:
+        half = precision == "float16"
+        write_point_head(folder / POINT_HEAD, source.point_head, config.point_head, half)
+
+
+def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) -> Manifest:
+    config, training = source.config, source.training
+    features = _channels_of_features(source)
+    head = config.point_head
+    files = [IMAGE_NET] + ([POINT_HEAD] if head else [])
+    record = {key: value for key, value in training.items() if key not in ("resume", "accuracy", "threshold")}
+    return Manifest(
+        name=config.name,
+        sensor=config.sensor,
+        residual=config.residual,
+        features=features,
+        point_head=head,
+        files={name: file_entry(folder / name, precision) for name in files},
+        weights={
+            "source": f"{source.kind}: {checkpoint.name}",
+            "sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest(),
+            "trained": source.trained,
+            "training": plain(record),
+        },
+        model=config.to_dict(),
+        decision=Decision(training.get("threshold")),
+        postprocess=training.get("postprocess", "head" if head else "knn"),
+        accuracy=plain(training.get("accuracy", {})),
+    )
+
+
+def _channels_of_features(source: Source) -> int:
+    """Channels of the feature map, from a pass over a tiny image."""
+    config = source.config
+    with torch.inference_mode():
+        return source.image_net(torch.zeros(1, config.in_channels, 16, 16)).features.shape[1]
+
+
+def default_checkpoint() -> tuple[Path, Path]:
+    """Checkpoint of the default bundle of this checkout, or else the tiny one; and the folder for its bundle."""
+    for checkpoint, out in (
+        (ROOT / "models" / DEFAULT_BUNDLE / "checkpoint.pt", ROOT / "models" / DEFAULT_BUNDLE),
+        (ROOT / "tests" / "data" / "tiny" / "checkpoint.pt", ROOT / "models" / "tiny"),
+    ):
+        if checkpoint.is_file():
+            return checkpoint, out
+    raise CheckpointError("there is no checkpoint of a default bundle here: give one by --checkpoint X --out models/NAME")
+
+
+def export_command(
+    checkpoint: Annotated[
+        Path | None, typer.Option(help="Checkpoint: ours, or a published one.", show_default="the default bundle's")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the bundle.", show_default="models/ and the checkpoint's name")
+    ] = None,
+    network: Annotated[
+        str | None, typer.Option(help="Published network, where its file leaves it open: b, c, d, e.", show_default="by its keys")
+    ] = None,
+    weights: Annotated[
+        str | None, typer.Option(help="Store kernels as float32 or float16.", show_default="float16 for ours, else float32")
+    ] = None,
+    height: Annotated[int | None, typer.Option(help="Rows of the range image.", show_default="the checkpoint's")] = None,
+    width: Annotated[int | None, typer.Option(help="Columns of the range image.", show_default="the checkpoint's")] = None,
+    untrained: Annotated[bool, typer.Option("--untrained", help="Say in the manifest that the weights are random.")] = False,
+    threads: Annotated[int, typer.Option(min=1, help="Threads of the comparison.")] = 2,
+) -> None:
+    """Turn a checkpoint into a bundle, and compare the two on a simulated scan."""
+    if checkpoint is None:
+        checkpoint, folder = default_checkpoint()
+    else:
+        folder = Path("models") / (checkpoint.parent.name if checkpoint.stem == "checkpoint" else checkpoint.stem)
+    done = export_checkpoint(
+        checkpoint,
+        out or folder,
+        network,
+        weights,
+        height,
+        width,
+        False if untrained else None,
+        threads,
+    )
+    show(done, checkpoint)
+
+
+def show(done: Export, checkpoint: Path) -> None:
+    """Print what was read, dropped, measured and written."""
+    source, bundle, parity = done.source, done.bundle, done.parity
+    config, files = source.config, bundle.manifest.files
+    size = f"{config.sensor.height} x {config.sensor.width}"
+    typer.echo(f"read     {checkpoint}: {source.kind}, network {config.name}, {config.channels} channels, {size}")
+    if source.dropped:
+        blocks = sorted({key.split(".")[0] for key in source.dropped})
+        typer.echo(f"dropped  {len(source.dropped)} tensors that the network does not use: {', '.join(blocks)}")
+    head = "" if parity.point_head is None else f", point head {parity.point_head:.1e}"
+    typer.echo(f"parity   image network {parity.image_net:.1e}{head} (largest difference of a probability)")
+    for name, entry in files.items():
+        typer.echo(f"wrote    {bundle.path / name}: {entry.bytes / 1e6:.2f} MB, kernels in {entry.precision}")
+    if not source.trained:
+        typer.echo("note     the weights are not trained: for tests only")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point of the script. 0: done, 1: failed (stderr says why), 2: wrong usage."""
+    try:
+        app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+        app.command()(export_command)
+        app(arguments, prog_name="to_onnx.py")
+    except MosError as error:
+        typer.echo(f"export: {error}", err=True)
+        return 1
+    except SystemExit as done:
+        return done.code if isinstance(done.code, int) else 0
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

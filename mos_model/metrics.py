@@ -1,0 +1,49 @@
+"""Confusion matrix of the classes unlabelled, static, moving, and the scores of the moving class."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+CLASSES = ("unlabelled", "static", "moving")
+MOVING = 2
+
+
+@dataclass
+class Confusion:
+    """Counts over all pixels or points added; unlabelled ones (true class 0) are left out of every score."""
+
+    matrix: NDArray[np.int64] = field(default_factory=lambda: np.zeros((3, 3), np.int64))  # [true, predicted]
+
+    def add(self, labels: ArrayLike, predicted: ArrayLike) -> None:
+        """Count pixels or points: true and predicted classes 0..2, arrays of one shape."""
+        true = np.asarray(labels).reshape(-1).astype(np.int64)
+        guess = np.asarray(predicted).reshape(-1).astype(np.int64)
+        self.matrix += np.bincount(true * 3 + guess, minlength=9).reshape(3, 3)
+
+    @property
+    def iou(self) -> float:
+        """Intersection over union of the moving class; NaN where neither labels nor predictions hold one."""
+        hit, missed, false = self._moving()
+        return _ratio(hit, hit + missed + false)
+
+    @property
+    def precision(self) -> float:
+        """Share of the predicted movers that move."""
+        hit, _, false = self._moving()
+        return _ratio(hit, hit + false)
+
+    @property
+    def recall(self) -> float:
+        """Share of the movers that were found."""
+        hit, missed, _ = self._moving()
+        return _ratio(hit, hit + missed)
+
+    def _moving(self) -> tuple[int, int, int]:
+        m = self.matrix[1:]
+        hit = int(m[-1, MOVING])
+        return hit, int(m[-1].sum()) - hit, int(m[:, MOVING].sum()) - hit
+
+
+def _ratio(part: int, whole: int) -> float:
+    return part / whole if whole else float("nan")

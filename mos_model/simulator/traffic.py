@@ -1,0 +1,267 @@
+"""What moves, or could: vehicles in lanes and queues, cyclists, people on foot. Each gets a track over all frames."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from random import Random
+
+import numpy as np
+
+from mos_model.simulator import shapes
+from mos_model.simulator.motion import Path, Speed, draw_speed
+from mos_model.simulator.roads import turning_path
+from mos_model.simulator.world import World
+
+MOST = 48  # tracks in a sequence
+
+Draw = Callable[[Random], tuple[shapes.Shape, float, float]]
+
+# Label while standing and while moving (SemanticKITTI).
+CAR, TRUCK, BUS, CYCLIST, MOTORCYCLE, PERSON = (
+    (10, 252),
+    (18, 258),
+    (13, 257),
+    (31, 253),
+    (32, 255),
+    (30, 254),
+)
+VEHICLES: tuple[tuple[Draw, tuple[int, int], float], ...] = (
+    (shapes.car, CAR, 70),
+    (shapes.van, CAR, 12),
+    (shapes.truck, TRUCK, 8),
+    (shapes.bus, BUS, 4),
+    (lambda rng: shapes.motorcycle(rng, True), MOTORCYCLE, 5),
+)
+
+
+@dataclass
+class Track:
+    """One object and its way: states (frames, 5) x, y, yaw, speed m/s, walked m."""
+
+    shape: np.ndarray  # (n, COLUMNS) primitives in the object's frame
+    labels: tuple[int, int]  # standing, moving
+    length: float
+    width: float
+    states: np.ndarray
+
+
+class Traffic:
+    """Draws the tracks of one sequence."""
+
+    def __init__(
+        self,
+        rng: Random,
+        world: World,
+        ego: np.ndarray,
+        ego_speed: Speed,
+        ego_path: Path,
+        times: np.ndarray,
+        density: float,
+    ) -> None:
+        """`ego` (frames, 3): x, y, yaw of the sensor's vehicle, which drove `ego_path`; `density` 1 is usual traffic."""
+        self.rng, self.world, self.times, self.density = rng, world, times, density
+        self.duration = float(times[-1])
+        self.ego, self.ego_speed, self.ego_path = ego, ego_speed, ego_path
+        self.tracks: list[Track] = []
+        if density > 0:
+            self._follow_ego()
+            self._fill_ways()
+            self._turn_off()
+            self._fill_lanes()
+            self._keep_apart()
+
+    def _add(
+        self, draw: Draw, labels, path: Path, start: float, speed: Speed, backwards: bool = False
+    ) -> None:
+        walked, pace = speed.at(self.times)
+        states = np.column_stack([path.at(start + walked), pace, walked])
+        if backwards:
+            states[:, 2] += math.pi
+        near = np.hypot(states[:, 0] - self.ego[:, 0], states[:, 1] - self.ego[:, 1]).min()
+        if near < 90.0:
+            shape, length, width = draw(self.rng)
+            self.tracks.append(Track(shapes.array(shape), labels, length, width, states))
+
+    def _vehicle(self) -> tuple[Draw, tuple[int, int]]:
+        draw, labels, _ = self.rng.choices(VEHICLES, [weight for *_, weight in VEHICLES])[0]
+        return draw, labels
+
+    def _follow_ego(self) -> None:
+        """Vehicles ahead and behind in the sensor's own lane keep about its speed."""
+        rng = self.rng
+        for sign in (1, -1):
+            gap = 0.0
+            while rng.random() < min(0.55 * self.density, 0.85):
+                gap += rng.uniform(7, 14) + rng.expovariate(1 / (4 + 1.2 * self.ego_speed.speed.max()))
+                if gap > 75:
+                    break
+                pace = np.maximum(self.ego_speed.speed + rng.gauss(0, 0.15) * (self.ego_speed.speed > 0.5), 0)
+                lag = rng.uniform(0.2, 1.0) * sign
+                speed = Speed(self.duration, pace, self.ego_speed.times - lag)
+                self._add(*self._vehicle(), self.ego_path, self.ego_start + sign * gap, speed)
+
+    @property
+    def ego_start(self) -> float:
+        """Arc length of the sensor on its path at time 0."""
+        gap = np.hypot(
+            self.ego_path.points[:, 0] - self.ego[0, 0], self.ego_path.points[:, 1] - self.ego[0, 1]
+        )
+        return float(self.ego_path.s[gap.argmin()])
+
+    def _fill_lanes(self) -> None:
+        rng, style = self.rng, self.world.style
+        for road in self.world.roads:
+            for forward in (True, False):
+                for lane in range(road.lanes):
+                    aside = (lane + 0.5) * road.lane_width
+                    line = road.line(-aside) if forward else road.line(aside, road.length, 0.0)
+                    self._fill_lane(Path(line), rng.uniform(*style.speed))
+
+    def _fill_lane(self, path: Path, fast: float) -> None:
+        rng = self.rng
+        amount = self.world.style.vehicles * self.density * rng.choice((0.0, 0.5, 1.0, 1.0, 1.5, 2.5))
+        if amount <= 0:
+            return
+        mode, s, queue = rng.random(), rng.uniform(-40, 30), 0
+        go = rng.uniform(-0.5, self.duration)
+        while s < path.length + 20:
+            if mode < 0.72:
+                kind = rng.choices(
+                    ("constant", "pull_away", "brake", "standing", "stop_and_go"), (80, 6, 6, 4, 4)
+                )[0]
+                speed = draw_speed(rng, kind, fast * rng.uniform(0.85, 1.15), self.duration)
+                step = 8 + fast * rng.uniform(0.4, 1.0) + rng.expovariate(amount / 100)
+            elif mode < 0.9:  # a queue that stands, or starts one after the other
+                queue += 1
+                push = rng.uniform(1.0, 2.5)
+                begin = go + queue * rng.uniform(0.8, 1.5)
+                times = np.array([-1.0, begin, begin + fast / push, self.duration + 60])
+                speed = Speed(self.duration, np.array([0.0, 0.0, fast, fast]), times)
+                step = rng.uniform(6.5, 9) if rng.random() < 0.9 else rng.expovariate(amount / 100)
+            else:
+                speed = draw_speed(rng, "constant", rng.uniform(0.6, 3.0), self.duration)
+                step = rng.uniform(6.5, 15)
+            self._add(*self._vehicle(), path, s, speed)
+            s += step
+
+    def _turn_off(self) -> None:
+        """Vehicles that turn from one road into another."""
+        rng, roads = self.rng, self.world.roads
+        for _ in range(_poisson(rng, 0.6 * self.density) if len(roads) > 1 else 0):
+            pair = [roads[0], rng.choice(roads[1:])]
+            rng.shuffle(pair)
+            lines = []
+            for road in pair:
+                aside = 0.5 * road.lane_width
+                lines.append(road.line(-aside) if rng.random() < 0.5 else road.line(aside, road.length, 0.0))
+            path = Path(turning_path(*lines, rng.uniform(6, 10)))
+            bend = float(path.middle[1:][np.abs(np.diff(path.heading)).argmax()])
+            fast = rng.uniform(2.5, 8.0)
+            start = bend - rng.uniform(-0.2, 1.0) * fast * self.duration - rng.uniform(0, 8)
+            speed = draw_speed(rng, rng.choice(("constant", "constant", "pull_away", "brake")), fast, self.duration)
+            self._add(*self._vehicle(), path, start, speed)
+
+    def _fill_ways(self) -> None:
+        """People and cyclists near the street, and vehicles that manoeuvre slowly."""
+        rng, style, world = self.rng, self.world.style, self.world
+        feet = style.walkers * 3.0 * self.density * rng.choice((0.2, 1.0, 1.0, 2.0, 3.5))
+        for _ in range(min(_poisson(rng, feet), 40)):
+            if len(self.tracks) < MOST // 2:
+                self._walk()
+        for _ in range(min(_poisson(rng, (0.4 + 0.4 * style.walkers) * self.density), 8)):
+            self._ride()
+        for _ in range(_poisson(rng, 0.35 * self.density)):
+            road = world.roads[0]
+            x, y, h = road.at(
+                rng.uniform(0.2, 0.8) * road.length, rng.choice((-1, 1)) * (road.half + rng.uniform(1, 8))
+            )
+            yaw = h + rng.choice((0.5, 1.5)) * math.pi + rng.gauss(0, 0.3)
+            way = np.array([[x, y], [x + 30 * math.cos(yaw), y + 30 * math.sin(yaw)]])
+            if world.is_free(x, y, yaw, -2.4, 8.0, 1.1):
+                speed = draw_speed(
+                    rng,
+                    rng.choice(("constant", "pull_away", "stop_and_go")),
+                    rng.uniform(0.7, 3),
+                    self.duration,
+                )
+                self._add(shapes.car, CAR, Path(way), 0.0, speed, rng.random() < 0.5)
+
+    def _ride(self) -> None:
+        """A cyclist in a lane, beside it or on the sidewalk, either way, mostly near the sensor."""
+        rng, world = self.rng, self.world
+        road = world.roads[0] if rng.random() < 0.7 else rng.choice(world.roads)
+        aside = rng.choice((road.half - road.parking - 0.5, road.half + 0.5 * world.walk, road.half + 1.5))
+        forward = rng.random() < 0.5
+        path = Path(road.line(-aside) if forward else road.line(aside, road.length, 0.0))
+        middle = self.ego[len(self.ego) // 2]
+        nearest = path.s[np.hypot(path.points[:, 0] - middle[0], path.points[:, 1] - middle[1]).argmin()]
+        fast = rng.uniform(2, 8)
+        kind = rng.choices(("constant", "pull_away", "brake"), (80, 10, 10))[0]
+        start = float(nearest) + rng.gauss(0, 25) - 0.5 * fast * self.duration
+        self._add(shapes.cyclist, CYCLIST, path, start, draw_speed(rng, kind, fast, self.duration))
+
+    def _walk(self) -> None:
+        """One person, or a few together, along the street, across it or anywhere."""
+        rng, world = self.rng, self.world
+        if rng.random() < 0.6:
+            centre = self.ego[rng.randrange(len(self.ego))]
+            away, angle = (
+                rng.uniform(3, 40) if rng.random() < 0.8 else rng.uniform(40, 80),
+                rng.uniform(-math.pi, math.pi),
+            )
+            x, y = centre[0] + away * math.cos(angle), centre[1] + away * math.sin(angle)
+            yaw = rng.uniform(-math.pi, math.pi)
+            if abs(world.edge_at(x, y)) > 6 and rng.random() < 0.4:
+                return
+        else:
+            road = rng.choice((world.roads[0], rng.choice(world.roads)))
+            aside = rng.choice((-1, 1)) * (road.half + rng.uniform(0.4, world.walk + 1.0))
+            x, y, yaw = road.at(rng.uniform(0, 1) * road.length, aside)
+            yaw += rng.choice((0, math.pi)) + rng.gauss(0, 0.05)
+            if rng.random() < 0.3:
+                yaw += 0.5 * math.pi
+        fast = rng.uniform(2.4, 3.8) if rng.random() < 0.1 else rng.uniform(0.6, 1.8)
+        kind = rng.choices(("constant", "pull_away", "brake", "standing"), (86, 5, 5, 4))[0]
+        along = fast * self.duration + 4.0
+        u = np.linspace(-0.5, 0.5, 12)
+        sway = rng.gauss(0, 0.4) * np.sin(6.3 * (u + rng.random()))
+        c, s = math.cos(yaw), math.sin(yaw)
+        middle = np.stack([x + along * u * c - sway * s, y + along * u * s + sway * c], 1)
+        speed = draw_speed(rng, kind, fast, self.duration, 1.5)
+        for index in range(rng.choice((1, 1, 1, 1, 2, 2, 3, 4))):
+            shift = np.array((rng.gauss(0, 0.3), 0.75 * index))
+            path = Path(middle + np.array((shift[0] * c - shift[1] * s, shift[0] * s + shift[1] * c)))
+            spots = path.at(np.linspace(1.0, along - 2.0, 7))
+            if all(world.is_free(px, py, 0.0, -0.2, 0.2, 0.2) for px, py, _ in spots.tolist()):
+                self._add(lambda r: shapes.person(r, True), PERSON, path, 2.0, speed)
+
+    def _keep_apart(self) -> None:
+        """Leave out what would drive into the sensor's vehicle or into what was drawn earlier."""
+        kept: list[Track] = []
+        ego = Track(
+            np.empty((0, 0)), CAR, 4.8, 2.0, np.column_stack([self.ego, np.zeros((len(self.ego), 2))])
+        )
+        for track in self.tracks:
+            if len(kept) < MOST and not any(_touch(track, other) for other in [ego, *kept]):
+                kept.append(track)
+        self.tracks = kept
+
+
+def _poisson(rng: Random, mean: float) -> int:
+    count, left = 0, rng.expovariate(1.0)
+    while left < mean:
+        count, left = count + 1, left + rng.expovariate(1.0)
+    return count
+
+
+def _touch(a: Track, b: Track) -> bool:
+    d = a.states[:, :2] - b.states[:, :2]
+    reach = 0.5 * (a.length + b.length)
+    if np.abs(d).max(axis=1).min() > reach + 1.0:
+        return False
+    c, s = np.cos(b.states[:, 2]), np.sin(b.states[:, 2])
+    along, across = c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]
+    turn = np.abs(np.sin(a.states[:, 2] - b.states[:, 2]))
+    wide = 0.5 * (b.width + a.width) + 0.15 + turn * 0.5 * (a.length - a.width)
+    long = reach + 0.5 - turn * 0.5 * (a.length - a.width)
+    return bool(((np.abs(along) < long) & (np.abs(across) < wide)).any())

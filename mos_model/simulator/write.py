@@ -1,0 +1,128 @@
+"""Simulated drives on disk, laid out as SemanticKITTI: `mos simulate OUT`."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mos_model.simulator.sensors import SensorProfile, sensor_profile
+from mos_model.simulator.sequence import Simulation, simulate
+from runtime.errors import OutputError, SettingError
+
+# T_camera_lidar of a camera that looks forward, a little below and before the LiDAR (KITTI's `Tr`).
+CAMERA_FROM_LIDAR = np.array(
+    ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, -0.08), (1.0, 0.0, 0.0, -0.27), (0.0, 0.0, 0.0, 1.0))
+)
+
+
+@dataclass(frozen=True)
+class WrittenDataset:
+    """What `write_dataset` wrote."""
+
+    path: Path
+    sequences: int
+    scans: int
+    points: int
+    moving_points: int
+
+
+def write_dataset(
+    out: str | Path,
+    sequences: int = 1,
+    frames: int = 100,
+    seed: int = 0,
+    sensor: str | SensorProfile = "hdl64e",
+    progress: Callable[[int, int], None] | None = None,
+    **settings: Any,
+) -> WrittenDataset:
+    """Write `sequences` simulated drives of `frames` scans each to the new folder `out`, whole or not at all.
+
+    Layout: sequences/NN/{velodyne/*.bin, labels/*.label, poses.txt, calib.txt, times.txt}; poses are those of the
+    simulated odometry, in the camera's frame as KITTI has them. `progress(done, total)` is called after each scan;
+    `settings` are the fields of `SimulationSettings`. Raises SettingError for settings that cannot be, OutputError
+    where `out` holds something already or cannot be written.
+    """
+    if not isinstance(sequences, int) or not 1 <= sequences <= 1000:
+        raise SettingError(f"sequences must be a whole number within 1..1000, not {sequences!r}")
+    if not isinstance(seed, int) or seed < 0:
+        raise SettingError(f"seed must be a whole number of at least 0, not {seed!r}")
+    profile = sensor_profile(sensor)
+    target = Path(out)
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise OutputError(f"{target} exists already: name a new or an empty folder")
+    temporary = None
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
+        counts = np.zeros(2, np.int64)
+        for index in range(sequences):
+            drive = simulate(sequence_seed(seed, index), frames, profile, **settings)
+            folder = temporary / "sequences" / f"{index:02d}"
+
+            def report(done: int, before: int = index * frames) -> None:
+                if progress is not None:
+                    progress(before + done, sequences * frames)
+
+            counts += _write_sequence(folder, drive, report)
+        os.chmod(temporary, 0o755)
+        if target.exists():
+            target.rmdir()
+        temporary.rename(target)
+    except OSError as error:
+        raise OutputError(f"cannot write the simulated data to {target}: {error}") from error
+    finally:
+        if temporary is not None and temporary.exists():
+            shutil.rmtree(temporary, ignore_errors=True)
+    return WrittenDataset(target, sequences, sequences * frames, int(counts[0]), int(counts[1]))
+
+
+def sequence_seed(seed: int, index: int) -> int:
+    """The seed of drive `index` of a data set."""
+    return int(np.random.SeedSequence((seed, index)).generate_state(1)[0])
+
+
+def simulate_command(
+    out: Path,
+    sequences: int = 4,
+    frames: int = 100,
+    seed: int = 0,
+    sensor: str = "hdl64e",
+    progress: Callable[[int, int], None] | None = None,
+    **settings: Any,
+) -> str:
+    """`mos simulate`: write the data set and say in one line what it is."""
+    done = write_dataset(out, sequences, frames, seed, sensor, progress, **settings)
+    return (
+        f"{done.path}: {done.scans} scans in {done.sequences} sequences, {done.points / done.scans:,.0f} points a scan, "
+        f"{100 * done.moving_points / max(done.points, 1):.2f} % of them moving"
+    )
+
+
+def _write_sequence(folder: Path, drive: Simulation, report: Callable[[int], None]) -> np.ndarray:
+    """Write one drive; returns its points and moving points."""
+    (folder / "velodyne").mkdir(parents=True)
+    (folder / "labels").mkdir()
+    points = moving = 0
+    for k, frame in enumerate(drive):
+        frame.points.astype("<f4", copy=False).tofile(folder / "velodyne" / f"{k:06d}.bin")
+        frame.labels.astype("<u4", copy=False).tofile(folder / "labels" / f"{k:06d}.label")
+        points += len(frame.points)
+        moving += int(((frame.labels & 0xFFFF) > 250).sum())
+        report(k + 1)
+    camera = CAMERA_FROM_LIDAR
+    start, back = np.linalg.inv(drive.poses[0]), np.linalg.inv(camera)
+    (folder / "poses.txt").write_text("".join(_matrix_line(camera @ start @ p @ back) for p in drive.poses))
+    projection = _matrix_line(np.array(((700.0, 0, 600, 0), (0, 700, 180, 0), (0, 0, 1, 0))))
+    calibration = "".join(f"P{i}: {projection}" for i in range(4)) + f"Tr: {_matrix_line(camera)}"
+    (folder / "calib.txt").write_text(calibration)
+    (folder / "times.txt").write_text("".join(f"{time:.6e}\n" for time in drive.times))
+    return np.array((points, moving))
+
+
+def _matrix_line(matrix: np.ndarray) -> str:
+    return " ".join(f"{value:.12e}" for value in matrix[:3].ravel()) + "\n"

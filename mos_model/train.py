@@ -1,0 +1,146 @@
+"""`mos train`, `python -m mos_model.train`: from SemanticKITTI or simulated streets to a checkpoint."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from runtime.errors import MosError, SettingError
+
+
+def train_command(
+    out: Annotated[Path, typer.Option(help="Folder of the run: last.pt, best.pt, metrics.jsonl")] = Path(
+        "runs/train"
+    ),
+    data: Annotated[
+        str, typer.Option(help="'simulated', or the root of a data set (holds sequences/)")
+    ] = "simulated",
+    road: Annotated[bool, typer.Option(help="With KITTI-Road-MOS in the same root")] = False,
+    train_on: Annotated[
+        str | None, typer.Option(help="Sequences, as 00,01 [default: the published split]")
+    ] = None,
+    validate_on: Annotated[
+        str | None, typer.Option(help="Sequences, as 08 [default: the published split]")
+    ] = None,
+    sensor: Annotated[
+        str,
+        typer.Option(
+            help="Of the images, and of the simulator: hdl64e, hdl32e, vlp16, os1-32, os1-64, os1-128"
+        ),
+    ] = "hdl64e",
+    config: Annotated[str, typer.Option(help="Network: lmnet, b, c, d, e, v1, v2, v2-lite, rt")] = "v1",
+    channels: Annotated[int, typer.Option(help="Width of the image network")] = 32,
+    recipe: Annotated[str, typer.Option(help="'paper' or 'sim2real'")] = "paper",
+    stage: Annotated[int, typer.Option(help="1: image network; 2: point head, image network frozen")] = 1,
+    steps: Annotated[int | None, typer.Option(help="Steps [default: of the recipe]")] = None,
+    batch: Annotated[
+        int | None, typer.Option(help="Samples a step and process [default: of the recipe]")
+    ] = None,
+    crop: Annotated[
+        int | None, typer.Option(help="Columns of each sample, 0: all [default: of the recipe]")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of weights, data and dropout")] = 0,
+    init: Annotated[Path | None, typer.Option(help="Checkpoint whose weights are the start")] = None,
+    resume: Annotated[bool, typer.Option(help="Go on from last.pt in the folder of the run")] = False,
+    precision: Annotated[str | None, typer.Option(help="auto, fp32, bf16 or fp16")] = None,
+    device: Annotated[str, typer.Option(help="auto, cpu, cuda, cuda:1")] = "auto",
+    threads: Annotated[int, typer.Option(help="CPU threads of the network, 0: as torch likes")] = 0,
+    workers: Annotated[int, typer.Option(help="Processes that make samples")] = 1,
+    minutes: Annotated[float, typer.Option(help="Stop (and save) after so long")] = float("inf"),
+    save_every: Annotated[float, typer.Option(help="Minutes between checkpoints")] = 5.0,
+    log_every: Annotated[int, typer.Option(help="Steps between lines")] = 20,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Other settings: name=value of the recipe, augmentation.NAME, model.NAME"),
+    ] = None,
+) -> None:
+    """Train a network on SemanticKITTI or on simulated streets."""
+    import torch
+
+    from mos_model.config import ModelConfig, named_config
+    from mos_model.distributed import join_ranks
+    from mos_model.recipe import recipe as named_recipe
+    from mos_model.session import run_training
+    from mos_model.sources import Data, image_sensor
+    from mos_model.trainer import Limits
+
+    others = dict(parse_setting(text) for text in set_ or [])
+    model = named_config(config, channels).to_dict() | {"sensor": asdict(image_sensor(sensor))}
+    for name in [name for name in others if name.startswith("model.")]:
+        set_nested(model, name.split(".")[1:], others.pop(name))
+    given = {"steps": steps, "batch": batch, "crop": crop, "precision": precision, "seed": seed}
+    changes = {name: value for name, value in given.items() if value is not None} | others
+    if threads:
+        torch.set_num_threads(threads)
+    ranks = join_ranks(device)
+    try:
+        run_training(
+            ModelConfig.from_dict(model),
+            lambda epoch_steps: named_recipe(recipe, stage, epoch_steps, **changes),
+            (
+                Data(profile=sensor)
+                if data == "simulated"
+                else Data(Path(data), *choose_split(road, train_on, validate_on))
+            ),
+            out,
+            init=init,
+            resume=resume,
+            ranks=ranks,
+            workers=workers,
+            limits=Limits(minutes, save_every),
+            log_every=log_every,
+        )
+    finally:
+        ranks.close()
+
+
+def set_nested(settings: dict[str, Any], path: list[str], value: Any) -> None:
+    """Set settings[path[0]][path[1]]...; unknown keys are left to the configuration to refuse."""
+    *outer, last = path
+    for name in outer:
+        if not isinstance(settings.get(name), dict):
+            raise SettingError(f"--set model.{'.'.join(path)}: {name!r} is no group of settings")
+        settings = settings[name]
+    settings[last] = value
+
+
+def choose_split(
+    road: bool, train_on: str | None, validate_on: str | None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the training and validation sequences: the published ones where none are given."""
+    from mos_model import kitti
+
+    train = kitti.TRAIN + kitti.ROAD_TRAIN if road else kitti.TRAIN
+    validation = kitti.VALIDATION + kitti.ROAD_VALIDATION if road else kitti.VALIDATION
+    if train_on is not None:
+        train = tuple(train_on.split(","))
+    if validate_on is not None:
+        validation = tuple(validate_on.split(",")) if validate_on else ()
+    return train, validation
+
+
+def parse_setting(text: str) -> tuple[str, Any]:
+    """("augmentation.yaw", 20) of "augmentation.yaw=20"; the value is JSON, or else a word."""
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise SettingError(f"--set takes name=value, not {text!r}")
+    try:
+        return name, json.loads(value)
+    except json.JSONDecodeError:
+        return name, value
+
+
+def main() -> None:
+    """Entry point of `python -m mos_model.train`."""
+    app = typer.Typer(pretty_exceptions_enable=False)
+    app.command()(train_command)
+    try:
+        app()
+    except MosError as error:
+        raise SystemExit(f"error: {error}") from None
+
+
+if __name__ == "__main__":
+    main()

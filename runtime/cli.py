@@ -1,0 +1,204 @@
+"""The command `mos`. Heavy imports wait until the arguments are read."""
+
+import sys
+import warnings
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TextIO
+
+import typer
+
+from runtime import __version__
+from runtime.errors import BundleError, MosError, MosWarning, SettingError
+
+if TYPE_CHECKING:
+    from runtime.sensor import Sensor
+
+app = typer.Typer(
+    help="Moving-object segmentation of LiDAR scans on a plain CPU.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+class PoseFrame(StrEnum):
+    """Whose poses a file holds."""
+
+    CAMERA = "camera"
+    LIDAR = "lidar"
+
+
+class Postprocess(StrEnum):
+    """What turns the image network's classes into those of points."""
+
+    NONE = "none"
+    KNN = "knn"
+    HEAD = "head"
+
+
+INSTALLED = "the one that is installed"
+
+Input = Annotated[
+    Path,
+    typer.Argument(
+        metavar="INPUT",
+        help="A KITTI sequence (.../sequences/NN), a root with several, or a folder of .bin or .npy scans.",
+    ),
+]
+Bundle = Annotated[Path | None, typer.Option(help="Bundle to use.", show_default=INSTALLED)]
+Names = Annotated[
+    list[str] | None,
+    typer.Option("--sequence", help="Sequence under a root; may be repeated.", show_default="all"),
+]
+Poses = Annotated[
+    Path | None, typer.Option(help="Pose file.", show_default="poses.txt of the sequence, or poses/NN.txt")
+]
+Calib = Annotated[
+    Path | None, typer.Option(help="KITTI calibration with Tr.", show_default="calib.txt of the sequence")
+]
+Frame = Annotated[
+    PoseFrame | None,
+    typer.Option(help="The poses are those of KITTI's camera or of the LiDAR itself.", show_default="camera"),
+]
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    if version:
+        typer.echo(f"lidar-mos {__version__}")
+        raise typer.Exit
+
+
+@app.command()
+def run(
+    path: Input,
+    out: Annotated[Path, typer.Option(help="Folder for sequences/NN/predictions/*.label.")] = Path(
+        "predictions"
+    ),
+    bundle: Bundle = None,
+    threads: Annotated[int, typer.Option(min=1, help="Threads to use.")] = 2,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Only the first scans of a sequence.", show_default="all")
+    ] = None,
+    sequence: Names = None,
+    poses: Poses = None,
+    pose_frame: Frame = None,
+    calib: Calib = None,
+    postprocess: Annotated[
+        Postprocess | None, typer.Option(help="From pixels to points.", show_default="the bundle's")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace predictions instead of continuing them.")
+    ] = False,
+) -> None:
+    """Label every point of a sequence: 251 moving, 9 everything else, in SemanticKITTI's layout.
+
+    An interrupted run goes on where it was when the same command is given again.
+    """
+    from runtime.sequence import find_sequences, open_sequence
+
+    folders = find_sequences(path, tuple(sequence or ()))
+    if len(folders) > 1 and (poses or calib):
+        raise SettingError(
+            f"--poses and --calib are for one sequence, not for {len(folders)}; pick one by --sequence"
+        )
+    sequences = [open_sequence(folder, poses, calib, pose_frame, limit) for folder in folders]
+
+    from runtime.progress import predict_with_progress
+    from runtime.runner import MosRunner
+    from runtime.tables import show_summary
+
+    try:
+        runner = MosRunner(bundle, threads=threads, postprocess=postprocess.value if postprocess else None)
+        for one in sequences:
+            show_summary(one.name, predict_with_progress(one, runner, out, overwrite))
+    except KeyboardInterrupt:
+        typer.echo(
+            "mos: interrupted. Finished predictions are kept; the same command goes on from there", err=True
+        )
+        raise typer.Exit(130) from None
+
+
+@app.command()
+def info(
+    bundle: Annotated[
+        Path | None, typer.Argument(metavar="BUNDLE", help="Bundle folder.", show_default=INSTALLED)
+    ] = None,
+) -> None:
+    """Show what a bundle is: network, sensor, files, agreement with PyTorch, accuracy."""
+    from runtime.bundle import load_bundle
+    from runtime.tables import show_bundle
+
+    show_bundle(load_bundle(bundle))
+
+
+@app.command()
+def doctor(
+    path: Input,
+    bundle: Bundle = None,
+    sequence: Names = None,
+    poses: Poses = None,
+    pose_frame: Frame = None,
+    calib: Calib = None,
+) -> None:
+    """Look at scans and poses and say in plain words what does not fit. Exit code 1 if anything is bad."""
+    from runtime.doctor import diagnose
+    from runtime.sequence import find_sequences
+    from runtime.tables import show_findings
+
+    folders = find_sequences(path, tuple(sequence or ()))
+    sensor = _sensor(bundle)
+    bad = False
+    for folder in folders:
+        findings = diagnose(folder, sensor, poses, calib, pose_frame)
+        show_findings(folder, findings)
+        bad |= any(finding.level == "bad" for finding in findings)
+    raise typer.Exit(1 if bad else 0)
+
+
+def _sensor(bundle: Path | None) -> "Sensor | None":
+    """The sensor that the bundle was made for; None where no bundle is given and none is installed."""
+    from runtime.bundle import load_bundle
+
+    try:
+        return load_bundle(bundle).manifest.sensor
+    except BundleError:
+        if bundle is not None:
+            raise
+        typer.echo("mos: no bundle is installed: the sensor is not compared with any (--bundle)", err=True)
+        return None
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point of `mos`. 0: done, 1: failed (stderr says why), 2: wrong usage, 130: interrupted."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("default", MosWarning)
+        warnings.showwarning = _show_warning
+        try:
+            app(arguments, prog_name="mos")
+        except (MosError, OSError) as error:  # OSError: a folder that may not be read
+            typer.echo(f"mos: {error}", err=True)
+            return 1
+        except SystemExit as done:  # how typer ends
+            return done.code if isinstance(done.code, int) else 0
+    return 0
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Ours without the place in the code, which says nothing to a user."""
+    text = warnings.formatwarning(message, category, filename, lineno, line)
+    typer.echo(f"mos: warning: {message}" if issubclass(category, MosWarning) else text, err=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,30 @@
+"""Files that are whole or absent."""
+
+import contextlib
+import os
+from pathlib import Path
+
+from runtime.errors import OutputError
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write `data` beside `path` and move it into place, so that nobody ever sees half a file.
+
+    Folders are made as needed. Raises OutputError where that fails; an older file at `path` then stays as it
+    was.
+    """
+    part = path.with_name(f".{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            part.write_bytes(data)
+            os.replace(part, path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(
+            f"cannot write {path}: {reason}. Free the space or choose another output folder"
+        ) from error

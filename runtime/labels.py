@@ -1,0 +1,41 @@
+"""SemanticKITTI labels: one uint32 a point, its class in the lower 16 bits."""
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from runtime.errors import SequenceError
+from runtime.files import write_whole
+
+STATIC, MOVING = 9, 251  # what is written for the two classes
+LABEL_BYTES = 4  # of one point
+
+
+def read_labels(path: str | Path, points: int | None = None) -> npt.NDArray[np.uint32]:
+    """Raw labels of a scan, (N,) uint32. Raises SequenceError if broken or not `points` many."""
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise SequenceError(f"{path}: labels cannot be read: {error.strerror}") from error
+    if len(data) % LABEL_BYTES or points not in (None, len(data) // LABEL_BYTES):
+        wanted = "a whole number of" if points is None else str(points)
+        raise SequenceError(
+            f"{path}: {len(data)} bytes are not the {LABEL_BYTES}-byte labels of {wanted} points"
+        )
+    return np.frombuffer(data, "<u4").astype(np.uint32)
+
+
+def to_classes(labels: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint8]:
+    """Raw labels to the classes of the network, uint8: 0 unlabelled, 1 static, 2 moving (251 to 259)."""
+    semantic = labels & 0xFFFF
+    classes = np.ones(labels.shape, np.uint8)
+    classes[semantic <= 1] = 0
+    classes[(semantic >= 251) & (semantic <= 259)] = 2
+    return classes
+
+
+def write_labels(path: str | Path, moving: npt.NDArray[np.bool_]) -> None:
+    """Write 251 for moving points and 9 for all others; the file is whole or absent. Raises OutputError."""
+    write_whole(Path(path), np.where(moving, MOVING, STATIC).astype("<u4").tobytes())

@@ -1,0 +1,127 @@
+"""Poses `T_world_lidar`: reading, checking, and the way from KITTI's camera frame to the LiDAR's."""
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from runtime.errors import PoseError
+
+RIGID_TOLERANCE = (
+    1e-3  # largest entry of R R^T - I, and of |det R - 1|, that rounding in a text file may cause
+)
+
+Pose = npt.NDArray[np.float64]  # (4, 4)
+Poses = npt.NDArray[np.float64]  # (T, 4, 4)
+
+
+def read_poses(path: str | Path) -> Poses:
+    """Poses of a text file, (T, 4, 4) float64 in the frame of the file, not yet checked by `check_pose`.
+
+    One pose a line: 12 numbers (KITTI, the upper three rows), 16 numbers (the whole matrix), or 8 numbers
+    (TUM: time, position, quaternion x y z w; the time is not used). Empty lines and lines that begin with #
+    are skipped. Raises PoseError naming the file and the line.
+    """
+    path = Path(path)
+    rows: list[list[float]] = []
+    for number, line in enumerate(_read_text(path).splitlines(), 1):
+        fields = line.split("#")[0].split()
+        if not fields:
+            continue
+        try:
+            row = [float(field) for field in fields]
+        except ValueError as error:
+            raise PoseError(f"{path}: line {number} is not made of numbers") from error
+        if len(row) not in (8, 12, 16) or len(row) != len(rows[0] if rows else row):
+            expected = (
+                f"{len(rows[0])} like the lines before" if rows else "12 (KITTI), 16 (matrix) or 8 (TUM)"
+            )
+            raise PoseError(f"{path}: line {number} has {len(row)} numbers, not {expected}")
+        rows.append(row)
+    if not rows:
+        raise PoseError(f"{path}: holds no poses")
+    values = np.array(rows)
+    if values.shape[1] == 8:
+        return _from_tum(values)
+    poses = np.tile(np.eye(4), (len(values), 1, 1))
+    poses[:, : values.shape[1] // 4] = values.reshape(len(values), -1, 4)
+    return poses
+
+
+def read_calib(path: str | Path) -> Pose:
+    """`Tr` = T_camera_lidar of a KITTI calib.txt, (4, 4). Raises PoseError if missing or not rigid."""
+    path = Path(path)
+    for line in _read_text(path).splitlines():
+        key, _, text = line.partition(":")
+        if key.strip() in ("Tr", "Tr_velo_to_cam"):
+            try:
+                values = [float(field) for field in text.split()]
+            except ValueError as error:
+                raise PoseError(f"{path}: {key} is not made of numbers") from error
+            if len(values) != 12:
+                raise PoseError(f"{path}: {key} has {len(values)} numbers, not 12")
+            return check_pose(np.vstack([np.reshape(values, (3, 4)), [0, 0, 0, 1]]), f"{path}: {key}")
+    raise PoseError(f"{path}: has no line 'Tr:' with the transform from LiDAR to camera")
+
+
+def camera_to_lidar(poses: Poses, tr: Pose) -> Poses:
+    """KITTI camera poses (T, 4, 4) to T_world_lidar (T, 4, 4), the world being the LiDAR frame of the first
+    pose.
+
+    inv(Tr) @ inv(P_0) @ P_t @ Tr with tr = T_camera_lidar. Raises PoseError where the first pose is not
+    rigid.
+    """
+    to_lidar = np.linalg.inv(tr) @ np.linalg.inv(check_pose(poses[0], "first pose"))
+    with np.errstate(invalid="ignore", over="ignore"):  # later poses are checked one by one
+        moved: Poses = to_lidar @ poses @ tr
+    return moved
+
+
+def check_pose(pose: npt.ArrayLike, where: str = "pose") -> Pose:
+    """`pose` as (4, 4) float64. Raises PoseError, beginning with `where`, unless it is rigid and finite."""
+    try:
+        matrix = np.asarray(pose, np.float64)
+    except (TypeError, ValueError) as error:
+        raise PoseError(
+            f"{where}: a pose is a (4, 4) matrix of numbers, not {type(pose).__name__}"
+        ) from error
+    if matrix.shape != (4, 4):
+        raise PoseError(f"{where}: a pose is a (4, 4) matrix T_world_lidar, not of shape {matrix.shape}")
+    if not np.isfinite(matrix).all():
+        raise PoseError(f"{where}: holds NaN or infinity; leave such scans out or repair their poses")
+    if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
+        raise PoseError(f"{where}: the last row must be 0 0 0 1, not {matrix[3]}; is the matrix transposed?")
+    rotation = matrix[:3, :3]
+    with np.errstate(all="ignore"):
+        skew = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        determinant = np.linalg.det(rotation)
+    if not (skew <= RIGID_TOLERANCE and abs(determinant - 1) <= RIGID_TOLERANCE):
+        raise PoseError(
+            f"{where}: is not a rigid transform (R R^T differs from 1 by {skew:.2g}, det R is "
+            f"{determinant:.4g}); its rotation must be orthonormal and right-handed, without scale"
+        )
+    return matrix
+
+
+def _from_tum(values: npt.NDArray[np.float64]) -> Poses:
+    """(T, 8) time, position, quaternion x y z w to (T, 4, 4)."""
+    poses = np.tile(np.eye(4), (len(values), 1, 1))
+    poses[:, :3, 3] = values[:, 1:4]
+    q = values[:, 4:]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x, y, z, w = (
+            q / np.linalg.norm(q, axis=1, keepdims=True)
+        ).T  # a zero quaternion becomes NaN: check_pose says so
+    poses[:, 0, :3] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1)
+    poses[:, 1, :3] = np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1)
+    poses[:, 2, :3] = np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1)
+    return poses
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text()
+    except OSError as error:
+        raise PoseError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise PoseError(f"{path}: is not a text file") from error

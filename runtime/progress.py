@@ -1,0 +1,51 @@
+"""The progress bar of `mos run`."""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
+
+from runtime.predict import Summary, predict
+from runtime.runner import MosRunner
+from runtime.sequence import Sequence
+
+
+class _Speed(ProgressColumn):
+    """Scans per second."""
+
+    def render(self, task: Task) -> Text:
+        speed = task.finished_speed or task.speed
+        return Text(f"{speed:.1f} scans/s" if speed else "- scans/s")
+
+
+def predict_with_progress(sequence: Sequence, runner: MosRunner, out: Path, overwrite: bool) -> Summary:
+    """`predict` with a bar: scans done, scans per second, time left."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        _Speed(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task(f"sequence {sequence.name}", total=len(sequence))
+        started = False
+
+        def show(done: int, total: int) -> None:
+            nonlocal started
+            if started:
+                progress.update(task, completed=done)
+            else:  # scans that were done before say nothing about the speed
+                progress.reset(task, total=total, completed=done)
+            started = True
+
+        return predict(sequence, runner, out, overwrite=overwrite, on_progress=show)

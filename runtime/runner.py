@@ -1,0 +1,229 @@
+"""`MosRunner`: scan and pose in, a label for every point out."""
+
+import logging
+import os
+import threading
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from runtime.bundle import Bundle, default_bundle_path, load_bundle
+from runtime.errors import MosWarning, SettingError
+from runtime.history import History
+from runtime.image_net import ImageNet
+from runtime.inputs import ImageInput, InputBuilder
+from runtime.jit import is_cached
+from runtime.knn import MOVING, STATIC, knn_vote
+from runtime.point_head import FeatureMap, PointHeadEngine
+from runtime.poses import check_pose
+from runtime.projection import project_scan
+from runtime.scans import as_scan
+from runtime.sensor import HISTORY
+from runtime.workers import Workers
+
+log = logging.getLogger("lidar_mos")
+
+POSTPROCESSES = ("none", "knn", "head")
+CANDIDATE = 0.05  # probability of its pixel from which a point may move: the point head looks at its surroundings
+
+
+@dataclass(frozen=True)
+class MosResult:
+    """Labels of one scan. The arrays are the caller's own."""
+
+    moving: NDArray[np.bool_]  # (N,) the point belongs to something that moves
+    probability: NDArray[np.float32]  # (N,) that it does: of the point head, or of the point's pixel without one
+    ready: bool  # the history was full: all residual images had a scan
+    timing: dict[str, float]  # s: "input", "network", "postprocess", "history", "total"
+
+
+class MosRunner:
+    """Moving-object segmentation, scan by scan (paper, Sec. III).
+
+    State is the history of the last 8 scans. Calls from several threads wait for each other; runners are independent.
+    """
+
+    def __init__(
+        self,
+        bundle: str | Path | None = None,
+        *,
+        threads: int | None = None,
+        postprocess: Literal["none", "knn", "head"] | None = None,
+        refine: Literal["near", "all"] = "near",
+        precision: str = "auto",
+        providers: Sequence[Any] | None = None,
+        allow_fallback: bool = False,
+        session_options: Mapping[str, str] | None = None,
+    ) -> None:
+        """Load a bundle, compile the kernels (once per machine) and warm up.
+
+        bundle: folder of a bundle; None: the default one.
+        threads: of the kernels and of ONNX Runtime; None: all processors that this process may use.
+        postprocess: "head" refines points by the point head, "knn" lets them vote, "none" takes their pixel's result;
+            None: what the bundle says.
+        refine: the point head looks "near" points that may move (the others keep their pixel's result), or at "all".
+        precision, providers, allow_fallback, session_options: see `ImageNet`.
+
+        Raises BundleError, ProviderError or SettingError.
+        """
+        path = default_bundle_path() if bundle is None else bundle
+        self.bundle: Bundle = load_bundle(path)
+        manifest = self.bundle.manifest
+        if threads is None:
+            threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        self.workers = Workers(threads)
+        self.postprocess: str = manifest.postprocess if postprocess is None else postprocess
+        if self.postprocess not in POSTPROCESSES:
+            raise SettingError(f"postprocess must be one of {', '.join(POSTPROCESSES)}, not {self.postprocess!r}")
+        if refine not in ("near", "all"):
+            raise SettingError(f"refine must be 'near' or 'all', not {refine!r}")
+        if self.postprocess == "head" and manifest.point_head is None:
+            raise SettingError(f"bundle {manifest.name!r} has no point head: choose postprocess 'knn' or 'none'")
+        self.refine = refine
+        self._threshold = manifest.decision.threshold
+        self._inputs = InputBuilder(manifest.sensor, manifest.residual, self.workers)
+        self._image_net = ImageNet.of(
+            self.bundle,
+            precision=precision,
+            threads=threads,
+            providers=providers,
+            allow_fallback=allow_fallback,
+            session_options=session_options,
+        )
+        self._head: PointHeadEngine | None = None
+        if self.postprocess == "head" and manifest.point_head is not None:
+            self._head = PointHeadEngine(self.bundle.point_head(), manifest.point_head, self.workers)
+        self._history = History()
+        self._points = np.empty((0, 4), np.float32)
+        self._lock = threading.Lock()
+        self._warm_up()
+
+    @property
+    def history_length(self) -> int:
+        """Past scans that a result depends on."""
+        return HISTORY
+
+    def reset(self) -> None:
+        """Forget the history: the next scan is the first of a sequence."""
+        with self._lock:
+            self._history.clear()
+
+    def __call__(self, scan: ArrayLike, pose: ArrayLike, time: float | None = None) -> MosResult:
+        """Label the next scan of a sequence.
+
+        scan: (N, 4) f32 or f64 x, y, z in m, LiDAR frame, and remission in 0..1; (N, 3) takes the mean remission that
+            the network subtracts. Points that are not finite or at the origin are never moving and have probability 0.
+        pose: (4, 4) T_world_lidar, rigid.
+        time: s, to notice gaps; optional.
+
+        A jump of pose or time drops the history, with a MosWarning. Raises ScanError, PoseError or InferenceError; the
+        history is then as it was.
+        """
+        with self._lock:
+            started = perf_counter()
+            points, pose = self._accept(scan, pose)
+            jump = self._history.jump(pose, time)
+            past, relative = ([], []) if jump else (self._history.past(), self._history.relative(pose))
+            image = self._inputs.build(points, past, relative)
+            built = perf_counter()
+            if (image.pixel >= 0).any():
+                probabilities, features = self._image_net.run(image.image)
+                inferred = perf_counter()
+                moving, probability = self._to_points(image, points, probabilities, features)
+            else:
+                inferred = built
+                moving, probability = np.zeros(len(points), np.bool_), np.zeros(len(points), np.float32)
+            labelled = perf_counter()
+            self._remember(points, image.pixel >= 0, pose, time, jump)
+            done = perf_counter()
+        timing = {
+            "input": built - started,
+            "network": inferred - built,
+            "postprocess": labelled - inferred,
+            "history": done - labelled,
+            "total": done - started,
+        }
+        return MosResult(moving, probability, len(past) == HISTORY, timing)
+
+    def remember(self, scan: ArrayLike, pose: ArrayLike, time: float | None = None) -> None:
+        """Put a scan into the history without labelling it, to go on in the middle of a sequence."""
+        with self._lock:
+            points, pose = self._accept(scan, pose)
+            distance = np.abs(points[:, :3]).sum(axis=1)
+            keep = (distance > 0) & (distance < np.inf)
+            self._remember(points, keep, pose, time, self._history.jump(pose, time))
+
+    def _accept(self, scan: ArrayLike, pose: ArrayLike) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Scan (N, 4), in a buffer of this runner, and pose (4, 4), both checked."""
+        given = as_scan(scan, remission_fill=self.bundle.manifest.sensor.mean[4])
+        checked = check_pose(pose, "pose")
+        if len(self._points) < len(given):
+            self._points = np.empty((len(given) + len(given) // 8, 4), np.float32)
+        points = self._points[: len(given)]
+        points[:] = given
+        return points, checked
+
+    def _remember(
+        self,
+        points: NDArray[np.float32],
+        keep: NDArray[np.bool_],
+        pose: NDArray[np.float64],
+        time: float | None,
+        jump: str,
+    ) -> None:
+        if jump:
+            self._history.clear()
+            warnings.warn(f"{jump}: the history of past scans is dropped", MosWarning, stacklevel=3)
+        self._history.add(points, keep, pose, time)
+
+    def _to_points(
+        self,
+        image: ImageInput,
+        points: NDArray[np.float32],
+        probabilities: NDArray[np.float32],
+        features: NDArray[np.float32],
+    ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+        """From pixels to points: moving (N,), probability (N,)."""
+        valid = image.pixel >= 0
+        at = np.maximum(image.pixel, 0)
+        probability = np.where(valid, probabilities[MOVING].reshape(-1)[at], np.float32(0))
+        classes = self._classes(probabilities)  # (H, W)
+        if self.postprocess == "knn":
+            labels = knn_vote(classes, image.range_image, image.u, image.v, image.range, self.workers)
+            return labels == MOVING, probability
+        moving = valid & (classes.reshape(-1)[at] == MOVING)
+        if self._head is not None:
+            candidates = None if self.refine == "all" else valid & (probability > CANDIDATE)
+            refined = self._head.refine(
+                points[:, :3], valid, FeatureMap(features, image.u, image.v), candidates
+            )
+            known = ~np.isnan(refined[:, MOVING])
+            probability = np.where(known, refined[:, MOVING], probability)
+            moving = np.where(known, self._classes(refined.T) == MOVING, moving)
+        return moving, probability
+
+    def _classes(self, probabilities: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """Class of probabilities (3, ...): the most likely, or moving from the bundle's threshold on."""
+        if self._threshold is None:
+            best: NDArray[np.uint8] = probabilities.argmax(axis=0).astype(np.uint8)
+            return best
+        return np.where(probabilities[MOVING] > self._threshold, np.uint8(MOVING), np.uint8(STATIC))
+
+    def _warm_up(self) -> None:
+        """Compile or load every kernel, and let ONNX Runtime lay out its memory."""
+        if not is_cached(project_scan):
+            log.warning("compiling kernels, once on this machine (20 to 60 s)")
+        grid = np.linspace(-1, 1, 16, dtype=np.float32)
+        y, z = (a.reshape(-1) for a in np.meshgrid(grid, grid))
+        wall = np.stack([np.full_like(y, 10), y, z, np.zeros_like(y)], axis=1)
+        refine, self.refine = self.refine, "all"
+        for _ in range(2):
+            self(wall, np.eye(4))
+        self.refine = refine
+        self.reset()

@@ -1,0 +1,82 @@
+"""One LiDAR scan: (N, 4) float32 x y z in metres, LiDAR frame, and remission."""
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from runtime.errors import ScanError
+
+SUFFIXES = (".bin", ".npy")  # KITTI's raw float32 x y z remission; a NumPy array (N, 4) or (N, 3)
+POINT_BYTES = 16  # of one point in a .bin file
+
+Scan = npt.NDArray[np.float32]
+
+
+def as_scan(array: npt.ArrayLike, remission_fill: float = 0.0, where: str = "scan") -> Scan:
+    """`array` as (N, 4) float32, C-contiguous; no copy where it is that already, so never write into the
+    result.
+
+    Accepts (N, 4) or (N, 3) of float32 or float64. Without remission every point gets `remission_fill`: give
+    the mean that the network normalises by, which becomes 0. NaN and infinite points stay (float64 beyond the
+    range of float32 becomes infinite). Raises ScanError, its message beginning with `where`.
+    """
+    try:
+        data = np.asarray(array)
+    except ValueError as error:  # rows of different lengths
+        raise ScanError(f"{where}: is no array of points: {error}") from error
+    if data.dtype.type not in (np.float32, np.float64):
+        raise ScanError(
+            f"{where}: points must be float32 or float64, not {data.dtype}; convert them to float32 metres"
+        )
+    if data.ndim != 2 or data.shape[1] not in (3, 4):
+        raise ScanError(
+            f"{where}: a scan has the shape (points, 4) for x y z remission, or (points, 3) without "
+            f"remission, not {data.shape}"
+        )
+    if data.shape[1] == 4:
+        with np.errstate(over="ignore"):
+            return np.ascontiguousarray(data, np.float32)
+    scan = np.empty((len(data), 4), np.float32)
+    with np.errstate(over="ignore"):
+        scan[:, :3] = data
+    scan[:, 3] = remission_fill
+    return scan
+
+
+def read_scan(path: str | Path, remission_fill: float = 0.0) -> Scan:
+    """The scan in a .bin (float32 x y z remission) or .npy file, as `as_scan`. Raises ScanError."""
+    path = Path(path)
+    if path.suffix == ".npy":
+        return as_scan(_load_npy(path), remission_fill, str(path))
+    _check_size(path)
+    return as_scan(np.fromfile(path, "<f4").reshape(-1, 4), where=str(path))
+
+
+def count_points(path: str | Path) -> int:
+    """Number of points in a scan file. Raises ScanError naming it."""
+    path = Path(path)
+    return len(read_scan(path)) if path.suffix == ".npy" else _check_size(path)
+
+
+def _check_size(path: Path) -> int:
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise ScanError(f"{path}: cannot be read: {error.strerror}") from error
+    if size % POINT_BYTES:
+        raise ScanError(
+            f"{path}: {size} bytes are no whole number of points of {POINT_BYTES} bytes "
+            f"(float32 x y z remission); the file is cut off or of another format"
+        )
+    return size // POINT_BYTES
+
+
+def _load_npy(path: Path) -> npt.NDArray[np.generic]:
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        raise ScanError(f"{path}: cannot be read as a NumPy array: {error}") from error
+    if not isinstance(array, np.ndarray):
+        raise ScanError(f"{path}: holds several arrays; save one array (points, 4) with numpy.save")
+    return array

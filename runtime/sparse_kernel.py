@@ -1,0 +1,175 @@
+"""The inner loops of sparse convolution: explicit vector code over tiles of outputs.
+
+A tile keeps its accumulators in the cache. For each kernel offset, the tile's pairs are taken three or two
+`UNIT`s at a time: that many gathered input rows times a panel of 16 output channels, all in registers. LLVM
+maps the 16-wide vectors to what the processor has (two AVX2, one AVX-512 or four NEON registers each).
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from llvmlite import binding, ir
+from numba import types
+from numba.extending import intrinsic
+
+from runtime.jit import kernel
+
+LANES = 16  # output channels of one panel; channel counts are filled up to a multiple of it
+# Pairs are taken in threes and twos of this many: 6 and 4 rows fill 16 vector registers, 12 and 8 rows 32.
+UNIT = 4 if binding.get_host_cpu_features().get("avx512f") else 2
+UNROLL = 4  # input channels per turn of the innermost loop; divides LANES
+
+compiled: Any = intrinsic  # generates code, without types that a checker could see
+_WORD, _INDEX, _VECTOR = ir.IntType(32), ir.IntType(64), ir.VectorType(ir.FloatType(), LANES)
+_ZERO = ir.Constant(_VECTOR, [0.0] * LANES)
+
+
+def _block(rows: int) -> Callable[..., Any]:
+    """An intrinsic: `rows` gathered input rows times one panel, added to the sums of `rows` outputs.
+
+    Addresses of the input, of int32 row numbers, of the panel (depth, 16), of the sums (outputs, 16) and of
+    int32 output numbers; `row_length` in floats.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        source, row_length, inputs, panel, depth, sums, outputs = args
+        undefined = ir.Constant(_VECTOR, ir.Undefined)
+        everywhere = ir.Constant(ir.VectorType(_WORD, LANES), [0] * LANES)
+
+        def gathered(start: Any, numbers: Any, stride: Any, kind: Any) -> list[Any]:
+            numbers = builder.inttoptr(numbers, _WORD.as_pointer())
+            pointers = []
+            for r in range(rows):
+                number = builder.sext(builder.load(builder.gep(numbers, [_INDEX(r)])), _INDEX)
+                address = builder.add(start, builder.mul(number, stride))
+                pointers.append(builder.inttoptr(address, kind.as_pointer()))
+            return pointers
+
+        from_rows = gathered(source, inputs, builder.mul(row_length, _INDEX(4)), ir.FloatType())
+        to_rows = gathered(sums, outputs, _INDEX(4 * LANES), _VECTOR)
+        panel = builder.inttoptr(panel, _VECTOR.as_pointer())
+        before, loop, after = builder.block, builder.append_basic_block(), builder.append_basic_block()
+        builder.branch(loop)
+        builder.position_at_end(loop)
+        step = builder.phi(_INDEX)
+        starts = [builder.phi(_VECTOR) for _ in range(rows)]
+        totals = list(starts)
+        for channel in [builder.add(step, _INDEX(u)) for u in range(UNROLL)]:
+            weights = builder.load(builder.gep(panel, [channel]), align=4)
+            for r in range(rows):
+                value = builder.load(builder.gep(from_rows[r], [channel]))
+                value = builder.insert_element(undefined, value, _WORD(0))
+                value = builder.shuffle_vector(value, undefined, everywhere)
+                product = builder.fmul(value, weights, flags=("contract",))
+                totals[r] = builder.fadd(product, totals[r], flags=("contract",))  # a fused multiply-add
+        following = builder.add(step, _INDEX(UNROLL))
+        step.add_incoming(_INDEX(0), before)
+        step.add_incoming(following, loop)
+        for start, total in zip(starts, totals, strict=True):
+            start.add_incoming(_ZERO, before)
+            start.add_incoming(total, loop)
+        builder.cbranch(builder.icmp_signed("<", following, depth), loop, after)
+        builder.position_at_end(after)
+        for row, total in zip(to_rows, totals, strict=True):
+            builder.store(builder.fadd(total, builder.load(row, align=4)), row, align=4)
+        return context.get_dummy_value()
+
+    @compiled
+    def block(context, source, row_length, inputs, panel, depth, sums, outputs):  # type: ignore[no-untyped-def]
+        return types.void(*[types.intp] * 7), generate
+
+    return block  # type: ignore[no-any-return]
+
+
+_three_units, _two_units = _block(3 * UNIT), _block(2 * UNIT)
+
+
+@compiled
+def _finish(context, sums, residual, out, relu):  # type: ignore[no-untyped-def]
+    """Store 16 channels of an output: their sums, plus the residual (address 0: none), and ReLU if asked."""
+
+    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        sums, residual, out = (builder.inttoptr(address, _VECTOR.as_pointer()) for address in args[:3])
+        total = builder.load(sums, align=4)
+        before = builder.block
+        with builder.if_then(builder.icmp_signed("!=", args[1], _INDEX(0))):
+            added = builder.fadd(total, builder.load(residual, align=4))
+            inside = builder.block
+        value = builder.phi(_VECTOR)
+        value.add_incoming(total, before)
+        value.add_incoming(added, inside)
+        positive = builder.select(builder.fcmp_ordered("<", value, _ZERO), _ZERO, value)  # NaN stays NaN
+        builder.store(builder.select(args[3], positive, value), out, align=4)
+        return context.get_dummy_value()
+
+    return types.void(types.intp, types.intp, types.intp, types.boolean), generate
+
+
+@kernel
+def _add_pairs(  # type: ignore[no-untyped-def]
+    source, row_length, depth, panels, panel, inputs, outputs, number, sums, sums_size
+):  # fmt: skip
+    """Add `number` pairs of one kernel offset, a multiple of UNIT and at least two, to the sums of a tile."""
+    twos = -(number // UNIT) % 3
+    threes = (number // UNIT - 2 * twos) // 3
+    for _panel in range(panels):
+        i = 0
+        for _ in range(threes):
+            _three_units(source, row_length, inputs + i, panel, depth, sums, outputs + i)
+            i += 12 * UNIT
+        for _ in range(twos):
+            _two_units(source, row_length, inputs + i, panel, depth, sums, outputs + i)
+            i += 8 * UNIT
+        panel += depth * 64
+        sums += sums_size
+
+
+@kernel
+def convolve_tiles(  # type: ignore[no-untyped-def]
+    source, row_length, weights, inputs, outputs, starts,
+    side, side_length, side_weights, bias,
+    residual, residual_length, has_residual,
+    out, out_length, relu,
+    tile, count, first, last,
+):  # fmt: skip
+    """Outputs of the tiles first ... last - 1; see `runtime.sparse_conv.convolve`. Rows come as addresses."""
+    panels = bias.size // 16
+    sums = np.empty((panels, tile + 1, 16), np.float32)  # row `tile` takes the pairs that fill up
+    sums_size = (tile + 1) * 64
+    ahead = np.empty(tile + 2 * UNIT, np.int32)
+    here = np.empty(tile + 2 * UNIT, np.int32)
+    for t in range(first, last):
+        low = t * tile
+        number = min(tile, count - low)
+        for p in range(panels):
+            for r in range(number):
+                for lane in range(16):
+                    sums[p, r, lane] = bias[p * 16 + lane]
+        for k in range(weights.shape[0]):
+            begin = starts[t, k]
+            if starts[t, k + 1] > begin:
+                _add_pairs(
+                    source, row_length, weights.shape[2],
+                    panels, weights[k].ctypes.data,
+                    inputs.ctypes.data + 4 * begin, outputs.ctypes.data + 4 * begin, starts[t, k + 1] - begin,
+                    sums.ctypes.data, sums_size,
+                )  # fmt: skip
+        if side_weights.shape[0]:
+            filled = max(2, -(-number // UNIT)) * UNIT
+            for i in range(filled):
+                ahead[i] = i if i < number else 0
+                here[i] = i if i < number else tile
+            _add_pairs(
+                side + 4 * low * side_length, side_length, side_weights.shape[2],
+                panels, side_weights.ctypes.data,
+                ahead.ctypes.data, here.ctypes.data, filled, sums.ctypes.data, sums_size,
+            )  # fmt: skip
+        for r in range(number):
+            for p in range(panels):
+                _finish(
+                    sums.ctypes.data + p * sums_size + r * 64,
+                    residual + 4 * ((low + r) * residual_length + p * 16) if has_residual else 0,
+                    out + 4 * ((low + r) * out_length + p * 16),
+                    relu,
+                )

@@ -1,0 +1,103 @@
+"""Tables that the command `mos` prints on stdout."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from runtime.finding import Finding, percent
+
+if TYPE_CHECKING:
+    from runtime.bundle import Bundle
+    from runtime.predict import Summary
+
+COLOURS = {"ok": "green", "warn": "yellow", "bad": "red"}
+
+
+def show_summary(name: str, summary: "Summary") -> None:
+    """What was done, how long a scan took, and where the predictions are."""
+    console = Console()
+    already = f", {summary.resumed} were there already" if summary.resumed else ""
+    console.print(f"sequence {name}: {summary.scans} scans{already}", highlight=False)
+    if summary.scans:
+        share = percent(summary.moving / max(1, summary.points))
+        console.print(f"{summary.points:,} points, {share} moving", highlight=False)
+        table = Table("ms a scan", box=None, pad_edge=False)
+        for column in ("median", "p95"):
+            table.add_column(column, justify="right")
+        for stage, seconds in summary.latency.items():
+            median, p95 = np.percentile(1000 * np.asarray(seconds), [50, 95])
+            table.add_row(stage, f"{median:.1f}", f"{p95:.1f}", style="bold" if stage == "scan" else "")
+        console.print(table)
+    console.print(f"predictions: {summary.folder}", highlight=False, soft_wrap=True)
+
+
+def show_findings(folder: Path, findings: list[Finding]) -> None:
+    """A line a finding, and how many are not ok."""
+    console = Console()
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for finding in findings:
+        table.add_row(Text(finding.level, style=COLOURS[finding.level]), finding.topic, Text(finding.text))
+    bad, warn = (sum(finding.level == level for finding in findings) for level in ("bad", "warn"))
+    console.print(f"{folder}", highlight=False, soft_wrap=True)
+    console.print(table)
+    console.print(f"{bad} bad, {warn} to look at" if bad or warn else "all well", highlight=False)
+
+
+def show_bundle(bundle: "Bundle") -> None:
+    """Everything that the manifest says."""
+    manifest = bundle.manifest
+    sensor, residual, head = manifest.sensor, manifest.residual, manifest.point_head
+    threshold = manifest.decision.threshold
+    rows = {
+        "bundle": f"{manifest.name}, format {manifest.format}",
+        "folder": str(bundle.path.resolve()),
+        "network": _words({key: value for key, value in manifest.model.items() if _plain(value)}),
+        "features": f"{manifest.features} channels",
+        "sensor": f"{sensor.height} x {sensor.width} pixels, {sensor.fov_down:g} to {sensor.fov_up:g} deg",
+        "normalisation": f"means {_numbers(sensor.mean)}; stds {_numbers(sensor.std)}",
+        "residuals": f"{residual.kind}, lags {_numbers(residual.lags)}, {residual.min_range:g} to "
+        f"{residual.max_range:g} m",
+        "point head": "none" if head is None else _words(asdict(head)),
+        "decision": "the most likely class" if threshold is None else f"moving from {threshold:g} on",
+        "postprocess": f"{manifest.postprocess} unless told otherwise",
+        **{name: f"{entry.bytes / 1e6:.2f} MB, {entry.precision}" for name, entry in manifest.files.items()},
+        "parity": _words(manifest.parity) or "not measured",
+        "accuracy": _words(manifest.accuracy) or "not measured",
+        "weights": _words(manifest.weights) or "unknown",
+        "licence": manifest.licence,
+    }
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for key, text in rows.items():
+        table.add_row(Text(key, style="bold"), Text(text))
+    Console().print(table)
+
+
+def _plain(value: Any) -> bool:
+    """Whether a value of the model has no row of its own (sensor, residuals, point head have)."""
+    return value is not None and not isinstance(value, Mapping | list | tuple)
+
+
+def _words(values: Mapping[str, Any], prefix: str = "") -> str:
+    """A mapping as "key value, key value"; a mapping within it gives "outer key value"."""
+    parts = []
+    for key, value in values.items():
+        name = f"{prefix}{key.replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            parts.append(_words(value, f"{name} "))
+        elif isinstance(value, bool):
+            parts.append(f"{name} {'yes' if value else 'no'}")
+        elif isinstance(value, list | tuple):
+            parts.append(f"{name} {_numbers(value)}")
+        else:
+            parts.append(f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}")
+    return ", ".join(part for part in parts if part)
+
+
+def _numbers(values: Any) -> str:
+    return " ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values)

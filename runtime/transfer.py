@@ -1,0 +1,172 @@
+"""Features on their way: image to voxels, voxels to points and back, and to the scan (paper, Sec. III-D)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.jit import fast_kernel, kernel
+from runtime.voxels import Voxels
+from runtime.workers import Workers
+
+_GRAIN = 4096  # voxels per task
+
+
+def features_to_voxels(
+    features: NDArray[np.float32],
+    rows: NDArray[np.int32],
+    voxels: Voxels,
+    kept: NDArray[np.int32],
+    mean: bool,
+    out: NDArray[np.float32],
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """Features of the voxels `kept` (K,): those of the voxel's first point in scan order, or the mean of all.
+
+    `features` (R, c) float32, of any memory order; `rows` (N,) the row of each point, negative for zeros;
+    `out` (K, >= c), whose further columns become 0.
+    """
+    if mean:
+        order, starts = voxels.order, voxels.starts
+        workers.ranges(
+            lambda a, b: _mean_features(features, rows, order, starts, kept, out, a, b), len(kept), _GRAIN
+        )
+    else:
+        first = rows[voxels.first[kept]]
+        workers.ranges(lambda a, b: _pick_features(features, first, out, a, b), len(kept), _GRAIN)
+    return out
+
+
+def exchange(
+    coarse: NDArray[np.float32],
+    table: NDArray[np.int32],
+    members: NDArray[np.int32],
+    keys: NDArray[np.int64],
+    level: int,
+    points: NDArray[np.float32],
+    out: NDArray[np.float32],
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """The point branch meets the voxels of stride 2^level: `points += v2p(coarse)`, then `out = p2v(points)`.
+
+    v2p interpolates between the up to eight voxels around a point (a voxel sits at its lower corner; missing
+    ones are dropped and the other weights divided by their sum); p2v is the mean over the points of a voxel.
+    `coarse` and `out` (C, c), `table` (C + 1, 27) neighbours, `members` (C + 1,) first point of each coarse
+    voxel, `keys` (V,) Morton keys of the points (one per voxel of stride 1), `points` (V, c), updated.
+    """
+    grain = max(1, _GRAIN >> level)
+    workers.ranges(
+        lambda a, b: _exchange(coarse, table, members, keys, level, points, out, a, b), len(coarse), grain
+    )
+    return out
+
+
+def classify(
+    points: NDArray[np.float32],
+    voxels: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    bias: NDArray[np.float32],
+    out: NDArray[np.float32],
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """`out = softmax((points + voxels) @ weight.T + bias)`; both (V, c), weight (3, c), out (V, 3)."""
+    workers.ranges(lambda a, b: _classify(points, voxels, weight, bias, out, a, b), len(out), _GRAIN)
+    return out
+
+
+@kernel
+def _pick_features(features, rows, out, start, stop):  # type: ignore[no-untyped-def]
+    """Copies blocks channel by channel: kind to the caches in either memory order of the features."""
+    channels = features.shape[1]
+    block = np.empty((16, 1024), np.float32)
+    out[start:stop, channels:] = 0
+    for low in range(start, stop, 1024):
+        number = min(1024, stop - low)
+        for group in range(0, channels, 16):
+            width = min(16, channels - group)
+            for c in range(width):
+                for i in range(number):
+                    row = rows[low + i]
+                    block[c, i] = features[row, group + c] if row >= 0 else np.float32(0)
+            for i in range(number):
+                for c in range(width):
+                    out[low + i, group + c] = block[c, i]
+
+
+@kernel
+def _mean_features(features, rows, order, starts, kept, out, start, stop):  # type: ignore[no-untyped-def]
+    channels = features.shape[1]
+    out[start:stop] = 0
+    for i in range(start, stop):
+        begin, end = starts[kept[i]], starts[kept[i] + 1]
+        for j in range(begin, end):
+            row = rows[order[j]]
+            if row >= 0:
+                for channel in range(channels):
+                    out[i, channel] += features[row, channel]
+        share = np.float32(1) / np.float32(end - begin)
+        for channel in range(channels):
+            out[i, channel] *= share
+
+
+@fast_kernel
+def _exchange(coarse, table, members, keys, level, points, out, start, stop):  # type: ignore[no-untyped-def]
+    none, channels = coarse.shape
+    corners = np.empty(8, np.int64)
+    weights = np.empty(8, np.float32)
+    for c in range(start, stop):
+        for corner in range(8):
+            corners[corner] = table[c, 13 + (corner >> 2) + 3 * (corner >> 1 & 1) + 9 * (corner & 1)]
+        out[c] = 0
+        for v in range(members[c], members[c + 1]):
+            x = y = z = np.float32(0)  # place in the coarse voxel, 0 <= x < 1
+            for bit in range(level):
+                octant = keys[v] >> 3 * bit
+                size = np.float32(1.0 / (1 << (level - bit)))
+                x += size * np.float32(octant >> 2 & 1)
+                y += size * np.float32(octant >> 1 & 1)
+                z += size * np.float32(octant & 1)
+            total = np.float32(0)
+            for corner in range(8):
+                weight = x if corner & 4 else 1 - x
+                weight *= y if corner & 2 else 1 - y
+                weight *= z if corner & 1 else 1 - z
+                weights[corner] = weight if corners[corner] < none else 0
+                total += weights[corner]
+            for corner in range(8):
+                weight = weights[corner] / total
+                if weight > 0:
+                    row = corners[corner]
+                    for channel in range(channels):
+                        points[v, channel] += weight * coarse[row, channel]
+            for channel in range(channels):
+                out[c, channel] += points[v, channel]
+        share = np.float32(1) / np.float32(members[c + 1] - members[c])
+        for channel in range(channels):
+            out[c, channel] *= share
+
+
+@fast_kernel
+def _classify(points, voxels, weight, bias, out, start, stop):  # type: ignore[no-untyped-def]
+    channels = weight.shape[1]
+    for v in range(start, stop):
+        a, b, c = bias[0], bias[1], bias[2]
+        for channel in range(channels):
+            feature = points[v, channel] + voxels[v, channel]
+            a += feature * weight[0, channel]
+            b += feature * weight[1, channel]
+            c += feature * weight[2, channel]
+        highest = max(a, b, c)
+        a, b, c = np.exp(a - highest), np.exp(b - highest), np.exp(c - highest)
+        total = a + b + c
+        out[v, 0] = a / total
+        out[v, 1] = b / total
+        out[v, 2] = c / total
+
+
+@kernel
+def to_points(probabilities, place, inverse, wanted, out):  # type: ignore[no-untyped-def]
+    """Each wanted point takes row `place[v]` of the results (K, 3), v its voxel; others keep their `out`."""
+    for i in range(inverse.size):
+        if wanted[i] and inverse[i] >= 0:
+            row = place[inverse[i]]
+            for j in range(3):
+                out[i, j] = probabilities[row, j]

@@ -1,0 +1,163 @@
+"""`mos train` from the command line to the checkpoint, and what it refuses."""
+
+import json
+
+import pytest
+import torch
+from typer.testing import CliRunner
+
+from mos_model import checkpoint, train
+from mos_model.config import ModelConfig
+from mos_model.sources import image_sensor
+from runtime.errors import CheckpointError, SequenceError, SettingError
+from tests.mos_model.training import write_recording
+
+TINY = ["--channels", "4", "--set", "model.sensor.height=16", "--set", "model.sensor.width=64"]
+SHORT = [
+    "--recipe",
+    "sim2real",
+    "--batch",
+    "2",
+    "--crop",
+    "32",
+    "--workers",
+    "0",
+    "--set",
+    "mix=2",
+    "--set",
+    "weight_samples=4",
+]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def one_thread():
+    """Threads cost more than they bring to networks of this size."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def run(*arguments: object) -> None:
+    """Run `mos train` and let its errors through."""
+    import typer
+
+    app = typer.Typer()
+    app.command()(train.train_command)
+    CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
+
+
+@pytest.fixture
+def root(tmp_path):
+    write_recording(tmp_path / "data" / "sequences" / "00", frames=10)
+    write_recording(tmp_path / "data" / "sequences" / "08", frames=3, seed=1)
+    return tmp_path / "data"
+
+
+def base(root, out, *more):
+    return ["--data", root, "--train-on", "00", "--validate-on", "08", "--out", out, *TINY, *SHORT, *more]
+
+
+def test_both_stages_on_recordings(root, tmp_path):
+    out = tmp_path / "image"
+    run(*base(root, out, "--config", "v2-lite", "--steps", 3))
+    first = checkpoint.load(out / "best.pt")
+    assert first.config == ModelConfig.from_dict(first.config.to_dict())
+    assert (first.config.channels, first.config.point_head, first.config.sensor.height) == (4, None, 16)
+    assert first.training["config"]["crop"] == 32
+    assert first.training["data"] == {
+        "root": str(root),
+        "train": ["00"],
+        "validation": ["08"],
+        "profile": "hdl64e",
+    }
+    second = tmp_path / "head"
+    stage2 = ["--config", "v2-lite", "--stage", 2, "--steps", 2, "--batch", 1, "--crop", 0]
+    run(*base(root, second, *stage2, "--init", out / "best.pt"))
+    assert checkpoint.load(second / "last.pt").point_head is not None
+    run(*base(root, second, *stage2, "--init", out / "best.pt", "--resume", "--set", "validate_every=1"))
+
+
+def test_simulated_streets(tmp_path):
+    small = ["--sensor", "vlp16", "--set", "street_frames=2", "--set", "validation_streets=1"]
+    small += ["--set", "validation_frames=1", "--set", "crops=1"]
+    run(
+        "--out",
+        tmp_path,
+        *small,
+        "--channels",
+        4,
+        "--config",
+        "rt",
+        "--set",
+        "model.rt_widths=[4,8]",
+        *SHORT,
+        "--steps",
+        2,
+    )
+    saved = checkpoint.load(tmp_path / "last.pt")
+    assert saved.config.sensor == image_sensor("vlp16")
+    assert saved.training["step"] == 2
+    kinds = [json.loads(line)["kind"] for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
+    assert kinds == ["train", "validation"]
+
+
+def test_resume_goes_on_and_refuses_other_settings(root, tmp_path):
+    out = tmp_path / "run"
+    arguments = base(root, out, "--config", "rt", "--set", "model.rt_widths=[4,8]")
+    run(*arguments, "--steps", 2)
+    run(*arguments, "--steps", 4, "--resume")
+    assert checkpoint.load(out / "last.pt").training["step"] == 4
+    with pytest.raises(CheckpointError, match="batch: 2 against 3"):
+        run(*arguments, "--steps", 4, "--resume", "--batch", 3)
+    with pytest.raises(CheckpointError, match="channels: 4 against 6"):
+        run(*arguments, "--steps", 4, "--resume", "--channels", 6)
+    with pytest.raises(CheckpointError, match="no such checkpoint"):
+        run(*base(root, tmp_path / "other"), "--resume")
+
+
+def test_a_start_from_another_network_is_refused(root, tmp_path):
+    run(*base(root, tmp_path / "a", "--config", "rt", "--set", "model.rt_widths=[4,8]", "--steps", 1))
+    with pytest.raises(CheckpointError, match=r"of another network.*network: 'rt' against 'lmnet'"):
+        run(*base(root, tmp_path / "b", "--config", "lmnet", "--init", tmp_path / "a" / "last.pt"))
+
+
+def test_second_stage_needs_a_first(root, tmp_path):
+    with pytest.raises(SettingError, match="--init"):
+        run(*base(root, tmp_path / "b", "--config", "v2-lite", "--stage", 2, "--crop", 0))
+
+
+def test_a_data_set_that_is_not_complete_is_refused_before_anything_is_written(root, tmp_path):
+    with pytest.raises(SequenceError, match=r"sequences/01 does not exist.*sequences/10 does not exist"):
+        run("--data", root, "--out", tmp_path / "run", *TINY, *SHORT)
+    assert not (tmp_path / "run").exists()
+
+
+def test_published_split():
+    train_names, validation = train.choose_split(True, None, None)
+    assert {"00", "40"} <= set(train_names)
+    assert {"08", "41"} <= set(validation)
+    assert train.choose_split(False, "03,04", "") == (("03", "04"), ())
+
+
+def test_settings():
+    assert train.parse_setting("augmentation.yaw=20") == ("augmentation.yaw", 20)
+    assert train.parse_setting("schedule=cosine") == ("schedule", "cosine")
+    with pytest.raises(SettingError, match="name=value"):
+        train.parse_setting("steps")
+    with pytest.raises(SettingError, match="unknown setting colour"):
+        run("--set", "model.colour=1")
+    with pytest.raises(SettingError, match="no group"):
+        run("--set", "model.depth.x=1")
+
+
+@pytest.mark.parametrize("profile", ["hdl32e", "vlp16", "os1-32", "os1-64", "os1-128"])
+def test_every_beam_has_a_row_of_its_own(profile):
+    from mos_model.simulator.sensors import sensor_profile
+
+    sensor, beams = image_sensor(profile), sensor_profile(profile)
+    rows = {
+        int((1 - (e - sensor.fov_down) / (sensor.fov_up - sensor.fov_down)) * sensor.height)
+        for e in beams.elevations
+    }
+    assert rows == set(range(beams.beams))

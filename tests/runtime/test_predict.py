@@ -1,0 +1,209 @@
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from runtime.runner import MosRunner
+
+from runtime.errors import OutputError, ScanError, SettingError
+from runtime.labels import read_labels
+from runtime.predict import predict, prediction_path
+from runtime.sequence import open_sequence
+from tests import street
+
+BUNDLE = Path(__file__).parents[1] / "data" / "tiny" / "bundle"
+COUNT = 13  # more than the history holds
+
+
+@pytest.fixture(scope="module")
+def runner():
+    return MosRunner(BUNDLE, threads=1)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    return street.write_kitti(tmp_path_factory.mktemp("street") / "07", COUNT, rows=16, columns=120)
+
+
+@pytest.fixture(scope="module")
+def whole(made, runner, tmp_path_factory):
+    """Predictions of an uninterrupted run: bytes of every file by name."""
+    out = tmp_path_factory.mktemp("whole")
+    predict(open_sequence(made), runner, out)
+    return contents(out)
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    return shutil.copytree(made, tmp_path / "07")
+
+
+def contents(out):
+    predictions = Path(out) / "sequences" / "07" / "predictions"
+    return {file.name: file.read_bytes() for file in sorted(predictions.iterdir())}
+
+
+def stop_after(scans):
+    """Stands for Ctrl-C after so many scans."""
+
+    def on_progress(done, total):
+        if done == scans:
+            raise KeyboardInterrupt
+
+    return on_progress
+
+
+def test_every_scan_gets_the_labels_of_the_runner(made, runner, whole, tmp_path):
+    sequence = open_sequence(made)
+    seen = []
+    summary = predict(sequence, runner, tmp_path, on_progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(i, COUNT) for i in range(COUNT + 1)]
+    assert contents(tmp_path) == whole
+    assert list(whole) == [f"{i:06d}.label" for i in range(COUNT)]
+
+    runner.reset()
+    moving = 0
+    for i in range(COUNT):
+        result = runner(*sequence.read(i))
+        labels = read_labels(prediction_path(tmp_path, sequence, i), len(sequence.read(i)[0]))
+        np.testing.assert_array_equal(labels, np.where(result.moving, 251, 9))
+        moving += int(result.moving.sum())
+    assert 0 < moving < summary.points  # the test would see swapped or constant labels
+    assert (summary.scans, summary.resumed, summary.moving) == (COUNT, 0, moving)
+    assert summary.points == sum(len(sequence.read(i)[0]) for i in range(COUNT))
+    assert {"read", "write", "scan"} < set(summary.latency)
+    assert all(len(seconds) == COUNT for seconds in summary.latency.values())
+
+
+@pytest.mark.parametrize("scans", [1, 4, 10, COUNT])
+def test_an_interrupted_run_goes_on_to_the_same_bytes(made, runner, whole, tmp_path, scans):
+    sequence = open_sequence(made)
+    with pytest.raises(KeyboardInterrupt):
+        predict(sequence, runner, tmp_path, on_progress=stop_after(scans))
+    before = contents(tmp_path)
+    assert len(before) == scans
+    times = [prediction_path(tmp_path, sequence, i).stat().st_mtime_ns for i in range(scans)]
+    summary = predict(sequence, runner, tmp_path)
+    assert (summary.resumed, summary.scans) == (scans, COUNT - scans)
+    assert contents(tmp_path) == whole
+    assert [prediction_path(tmp_path, sequence, i).stat().st_mtime_ns for i in range(scans)] == times
+
+
+def test_the_first_scans_and_then_the_rest(made, runner, whole, tmp_path):
+    predict(open_sequence(made, limit=5), runner, tmp_path)
+    assert predict(open_sequence(made), runner, tmp_path).resumed == 5
+    assert contents(tmp_path) == whole
+
+
+def test_incomplete_predictions_are_made_again(made, runner, whole, tmp_path):
+    sequence = open_sequence(made)
+    predict(sequence, runner, tmp_path)
+    cut = prediction_path(tmp_path, sequence, 6)
+    cut.write_bytes(cut.read_bytes()[:-4])
+    prediction_path(tmp_path, sequence, 9).unlink()
+    assert predict(sequence, runner, tmp_path).resumed == 6
+    assert contents(tmp_path) == whole
+
+
+def test_other_poses_are_refused_and_overwritten_on_request(folder, runner, whole, tmp_path):
+    sequence = open_sequence(folder)
+    with pytest.raises(KeyboardInterrupt):
+        predict(sequence, runner, tmp_path / "out", on_progress=stop_after(3))
+    poses = folder / "poses.txt"
+    good = poses.read_text()
+    street.write_poses(poses, np.tile(np.eye(4), (COUNT, 1, 1)))
+    with pytest.raises(SettingError, match=r"poses_sha256.*--overwrite"):
+        predict(open_sequence(folder), runner, tmp_path / "out")
+    assert len(contents(tmp_path / "out")) == 3
+    still = predict(open_sequence(folder), runner, tmp_path / "out", overwrite=True)
+    assert (still.resumed, still.scans) == (0, COUNT)
+    poses.write_text(good)
+    predict(open_sequence(folder), runner, tmp_path / "out", overwrite=True)
+    assert contents(tmp_path / "out") == whole
+
+
+def test_overwriting_is_not_resumed_from_what_was_there_before(folder, runner, tmp_path):
+    predict(open_sequence(folder), runner, tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        predict(open_sequence(folder), runner, tmp_path, overwrite=True, on_progress=stop_after(2))
+    assert predict(open_sequence(folder), runner, tmp_path).resumed == 2
+
+
+def test_another_postprocessing_is_refused(made, runner, tmp_path):
+    predict(open_sequence(made, limit=2), runner, tmp_path)
+    other = MosRunner(BUNDLE, threads=1, postprocess="none" if runner.postprocess != "none" else "knn")
+    with pytest.raises(SettingError, match="postprocess"):
+        predict(open_sequence(made), other, tmp_path)
+
+
+@pytest.mark.parametrize("text", [None, "{", "[]", json.dumps({"bundle": "other"})])
+def test_predictions_of_unknown_origin_are_not_continued(made, runner, tmp_path, text):
+    sequence = open_sequence(made, limit=2)
+    predict(sequence, runner, tmp_path)
+    note = tmp_path / "sequences" / "07" / "run.json"
+    note.unlink() if text is None else note.write_text(text)
+    with pytest.raises(SettingError, match="--overwrite"):
+        predict(sequence, runner, tmp_path)
+
+
+def test_a_broken_scan_leaves_what_was_finished_and_says_where(folder, runner, whole, tmp_path):
+    path = folder / "velodyne" / "000010.bin"
+    good = path.read_bytes()
+    path.write_bytes(good[:-1])
+    with pytest.raises(
+        ScanError, match=r"stopped at scan 000010\.bin \(11 of 13\).*no whole number"
+    ) as error:
+        predict(open_sequence(folder), runner, tmp_path / "out")
+    assert "same command" in str(error.value)
+    assert contents(tmp_path / "out") == {name: whole[name] for name in list(whole)[:10]}
+    path.write_bytes(good)
+    assert predict(open_sequence(folder), runner, tmp_path / "out").resumed == 10
+    assert contents(tmp_path / "out") == whole
+
+
+def test_output_that_cannot_be_written(made, runner, tmp_path):
+    (tmp_path / "out").write_text("a file, no folder")
+    with pytest.raises(OutputError, match="cannot write"):
+        predict(open_sequence(made), runner, tmp_path / "out")
+
+
+def test_a_full_disk_in_the_middle(made, runner, whole, tmp_path):
+    sequence = open_sequence(made)
+    path = prediction_path(tmp_path, sequence, 4)
+    path.parent.mkdir(parents=True)
+    part = path.with_name(f".{path.name}.part")
+    part.symlink_to("/dev/full")
+    with pytest.raises(OutputError, match=r"stopped at scan 000004\.bin.*No space left"):
+        predict(sequence, runner, tmp_path)
+    assert len(contents(tmp_path)) == 4
+    predict(sequence, runner, tmp_path)
+    assert contents(tmp_path) == whole
+
+
+def test_points_without_direction_are_static(folder, runner, tmp_path):
+    path = folder / "velodyne" / "000009.bin"
+    scan = np.fromfile(path, np.float32).reshape(-1, 4)
+    scan[::3] = 0
+    scan[1::3, 0] = np.nan
+    scan.tofile(path)
+    sequence = open_sequence(folder)
+    predict(sequence, runner, tmp_path)
+    labels = read_labels(prediction_path(tmp_path, sequence, 9), len(scan))
+    assert (labels[::3] == 9).all()
+    assert (labels[1::3] == 9).all()
+
+
+def test_empty_scans_and_arrays_without_remission(tmp_path, runner):
+    folder = tmp_path / "log"
+    folder.mkdir()
+    for i, pose in enumerate(street.drive(3)):
+        scan = street.scan(pose, street.boxes(), rows=8, columns=60)
+        np.save(folder / f"{i}.npy", scan[:, :3] if i != 1 else scan[:0])
+    street.write_poses(folder / "poses.txt", street.drive(3))
+    sequence = open_sequence(folder, frame="lidar")
+    summary = predict(sequence, runner, tmp_path / "out")
+    assert summary.scans == 3
+    sizes = [prediction_path(tmp_path / "out", sequence, i).stat().st_size for i in range(3)]
+    assert sizes[1] == 0
+    assert min(sizes[0], sizes[2]) > 0

@@ -1,0 +1,364 @@
+"""The contract of MosRunner, on the tiny bundle."""
+
+import os
+import subprocess
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from runtime import MosRunner, MosWarning
+from runtime.errors import BundleError, InferenceError, PoseError, ProviderError, ScanError, SettingError
+
+TINY = Path(__file__).parents[1] / "data/tiny/bundle"
+
+
+def drive(count: int, seed: int = 0, points: int = 2000) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Scans of a room that the sensor drives through, with a box that moves."""
+    rng = np.random.default_rng(seed)
+    frames = []
+    for t in range(count):
+        angle = rng.uniform(-np.pi, np.pi, points)
+        wall = np.stack([20 * np.cos(angle), 10 * np.sin(angle), rng.uniform(-1.5, 1, points)], 1)
+        wall[:, 0] -= 0.5 * t
+        box = rng.uniform(-1, 1, (200, 3)) * (2, 1, 0.8) + (8 + 0.7 * t, 3, 0)
+        xyz = np.concatenate([wall, box])
+        scan = np.concatenate([xyz, rng.uniform(0, 1, (len(xyz), 1))], 1).astype(np.float32)
+        pose = np.eye(4)
+        pose[0, 3] = 0.5 * t
+        frames.append((scan, pose))
+    return frames
+
+
+@pytest.fixture(scope="module")
+def runner():
+    return MosRunner(TINY, threads=2)
+
+
+def run(runner, frames):
+    runner.reset()
+    return [runner(*frame) for frame in frames]
+
+
+@pytest.mark.parametrize("postprocess", ["none", "knn", "head"])
+@pytest.mark.parametrize("refine", ["near", "all"])
+def test_a_label_for_every_point(postprocess, refine):
+    results = run(MosRunner(TINY, threads=2, postprocess=postprocess, refine=refine), drive(10))
+    for result in results:
+        assert result.moving.shape == result.probability.shape == (2200,)
+        assert result.moving.dtype == np.bool_
+        assert result.probability.dtype == np.float32
+        assert ((result.probability >= 0) & (result.probability <= 1)).all()
+        assert set(result.timing) == {"input", "network", "postprocess", "history", "total"}
+    assert [result.ready for result in results] == [False] * 8 + [True] * 2
+
+
+def test_threads_and_repetition_change_nothing(runner):
+    frames = drive(10)
+    want = run(runner, frames)
+    for other in (runner, MosRunner(TINY, threads=1)):
+        for a, b in zip(want, run(other, frames), strict=True):
+            np.testing.assert_array_equal(a.moving, b.moving)
+            np.testing.assert_allclose(a.probability, b.probability, atol=1e-6)
+
+
+def test_results_and_inputs_stay_as_they_are(runner):
+    frames = drive(4)
+    copies = [(scan.copy(), pose.copy()) for scan, pose in frames]
+    for scan, pose in frames:
+        scan.setflags(write=False)
+        pose.setflags(write=False)
+    results = run(runner, frames)
+    first = results[0].probability.copy()
+    run(runner, drive(3, seed=9))
+    np.testing.assert_array_equal(results[0].probability, first)
+    for (scan, pose), (scan_before, pose_before) in zip(frames, copies, strict=True):
+        np.testing.assert_array_equal(scan, scan_before)
+        np.testing.assert_array_equal(pose, pose_before)
+
+
+def test_scan_is_copied_into_the_history(runner):
+    frames = drive(9)
+    want = run(runner, frames)[-1].probability
+    runner.reset()
+    buffer = np.empty_like(frames[0][0])
+    for scan, pose in frames:
+        buffer[:] = scan
+        got = runner(buffer, pose).probability
+        buffer[:] = -1
+    np.testing.assert_array_equal(got, want)
+
+
+def test_points_without_place(runner):
+    frames = drive(9)
+    scan = frames[-1][0].copy()
+    scan[3, :3] = 0
+    scan[5, 0] = np.nan
+    scan[6, 2] = np.inf
+    scan[8, 3] = np.nan  # remission alone
+    result = run(runner, [*frames[:-1], (scan, frames[-1][1])])[-1]
+    assert not result.moving[[3, 5, 6]].any()
+    assert (result.probability[[3, 5, 6]] == 0).all()
+    assert np.isfinite(result.probability).all()
+
+
+def test_places_do_not_depend_on_bad_points_before(runner):
+    """Bad points enter no history."""
+    frames = drive(9)
+    want = run(runner, frames)[-1].probability
+    bad = np.full((50, 4), np.nan, np.float32)
+    bad[::2] = 0
+    worse = [(np.concatenate([scan, bad]), pose) for scan, pose in frames[:-1]]
+    np.testing.assert_array_equal(run(runner, [*worse, frames[-1]])[-1].probability, want)
+
+
+@pytest.mark.parametrize("scan", [np.empty((0, 4), np.float32), np.full((3, 4), np.nan, np.float32), np.zeros((1, 4))])
+def test_nothing_to_see(runner, scan):
+    runner.reset()
+    result = runner(scan, np.eye(4))
+    assert result.moving.shape == (len(scan),)
+    assert not result.moving.any()
+    assert (result.probability == 0).all()
+
+
+def test_one_point_and_many(runner):
+    runner.reset()
+    assert runner(np.array([[5, 0, 0, 0]], np.float32), np.eye(4)).moving.shape == (1,)
+    big = np.random.default_rng(0).uniform(-50, 50, (500_000, 4)).astype(np.float32)
+    assert runner(big, np.eye(4)).moving.shape == (500_000,)
+
+
+def test_without_remission_is_mean_remission(runner):
+    frames = drive(3)
+    mean = runner.bundle.manifest.sensor.mean[4]
+    filled = []
+    for scan, pose in frames:
+        scan = scan.copy()
+        scan[:, 3] = mean
+        filled.append((scan, pose))
+    want = run(runner, filled)[-1]
+    got = run(runner, [(scan[:, :3].astype(np.float64), pose) for scan, pose in frames])[-1]
+    np.testing.assert_array_equal(got.probability, want.probability)
+
+
+@pytest.mark.parametrize(
+    ("scan", "pose", "error"),
+    [
+        (np.zeros((5, 2), np.float32), np.eye(4), ScanError),
+        (np.zeros(5, np.float32), np.eye(4), ScanError),
+        (np.zeros((5, 4), np.int32), np.eye(4), ScanError),
+        ([["a"] * 4], np.eye(4), ScanError),
+        (np.ones((5, 4), np.float32), np.eye(3), PoseError),
+        (np.ones((5, 4), np.float32), np.full((4, 4), np.nan), PoseError),
+        (np.ones((5, 4), np.float32), np.diag([1.0, 1, -1, 1]), PoseError),
+        (np.ones((5, 4), np.float32), 2 * np.eye(4), PoseError),
+        (np.ones((5, 4), np.float32), None, PoseError),
+    ],
+)
+def test_refused_input_leaves_the_history(runner, scan, pose, error):
+    frames = drive(10)
+    want = run(runner, frames)[-1].probability
+    run(runner, frames[:-1])
+    with pytest.raises(error):
+        runner(scan, pose)
+    np.testing.assert_array_equal(runner(*frames[-1]).probability, want)
+
+
+def test_failed_inference_leaves_the_history(runner, monkeypatch):
+    frames = drive(10)
+    want = run(runner, frames)[-1].probability
+    run(runner, frames[:-1])
+    wild = frames[-1][0].copy()
+    wild[:, 3] = 3e38  # a finite remission that overflows in the network
+    with pytest.raises(InferenceError, match="finite"), np.errstate(all="ignore"):
+        runner(wild, frames[-1][1])
+    np.testing.assert_array_equal(runner(*frames[-1]).probability, want)
+
+
+def test_map_coordinates(runner):
+    """Poses 5e6 m from the origin of the map give what poses near it give."""
+    frames = drive(10)
+    far = np.eye(4)
+    far[:3, 3] = (5e6, -4e6, 300.0)
+    want = run(runner, frames)[-1].probability
+    got = run(runner, [(scan, far @ pose) for scan, pose in frames])[-1].probability
+    np.testing.assert_allclose(got, want, atol=1e-3)
+    assert (np.abs(got - want) > 1e-5).mean() < 0.01
+
+
+@pytest.mark.parametrize("kind", ["place", "turn", "time"])
+def test_jump_drops_the_history(runner, kind):
+    frames = drive(9)
+    runner.reset()
+    for i, (scan, pose) in enumerate(frames[:-1]):
+        runner(scan, pose, time=0.1 * i)
+    scan, pose = frames[-1]
+    pose, time = pose.copy(), 0.8
+    if kind == "place":
+        pose[1, 3] += 15
+    elif kind == "turn":
+        pose[:2, :2] = [[0, -1], [1, 0]]
+    else:
+        time = 5.0
+    with pytest.warns(MosWarning, match=r"history .* dropped"):
+        got = runner(scan, pose, time=time)
+    assert not got.ready
+    runner.reset()
+    np.testing.assert_array_equal(got.probability, runner(scan, pose).probability)
+
+
+def test_remember_goes_on_as_if_it_had_run(runner):
+    frames = drive(12)
+    want = run(runner, frames)[-1]
+    runner.reset()
+    for frame in frames[3:-1]:
+        runner.remember(*frame)
+    got = runner(*frames[-1])
+    assert got.ready
+    np.testing.assert_array_equal(got.probability, want.probability)
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "match"),
+    [
+        ({"threads": 0}, SettingError, "threads"),
+        ({"threads": -3}, SettingError, "threads"),
+        ({"postprocess": "crf"}, SettingError, "postprocess"),
+        ({"refine": "some"}, SettingError, "refine"),
+        ({"providers": ["NoSuchProvider"]}, ProviderError, "NoSuchProvider"),
+        ({"providers": ["CUDAExecutionProvider"]}, ProviderError, "onnxruntime-gpu"),
+        ({"precision": "int8"}, BundleError, "int8"),
+        ({"bundle": "no/such/folder"}, BundleError, "no bundle"),
+    ],
+)
+def test_bad_settings(settings, error, match):
+    import onnxruntime
+
+    if settings.get("providers") == ["CUDAExecutionProvider"]:
+        if "CUDAExecutionProvider" in onnxruntime.get_available_providers():
+            pytest.skip("this ONNX Runtime has CUDA")
+    with pytest.raises(error, match=match):
+        MosRunner(**{"bundle": TINY, **settings})
+
+
+def test_fallback_must_be_allowed():
+    with pytest.warns(MosWarning, match="NoSuchProvider"):
+        runner = MosRunner(TINY, providers=["NoSuchProvider"], allow_fallback=True)
+    assert len(runner(*drive(1)[0]).moving) == 2200
+
+
+def test_session_options_reach_onnxruntime():
+    MosRunner(TINY, session_options={"session.intra_op.allow_spinning": "1"})
+    with pytest.raises(SettingError, match="session option"):
+        MosRunner(TINY, session_options={"": "1"})
+
+
+def test_two_runners_in_two_threads():
+    frames = [drive(6, seed) for seed in (1, 2)]
+    want = [[r.probability for r in run(MosRunner(TINY, threads=2), f)] for f in frames]
+    runners = [MosRunner(TINY, threads=2) for _ in frames]
+    with ThreadPoolExecutor(2) as pool:
+        got = list(pool.map(lambda i: [r.probability for r in run(runners[i], frames[i])], range(2)))
+    for a, b in zip(want, got, strict=True):
+        for x, y in zip(a, b, strict=True):
+            np.testing.assert_array_equal(x, y)
+
+
+def test_one_runner_in_two_threads(runner):
+    """Calls wait for each other."""
+    runner.reset()
+    frame = drive(1)[0]
+    errors = []
+
+    def call():
+        try:
+            for _ in range(3):
+                runner(*frame)
+        except Exception as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=call) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not errors
+
+
+def in_fresh_process(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env={**os.environ, **environment},
+        cwd=Path(__file__).parents[2],
+    )
+
+
+def test_no_torch_no_onnx():
+    done = in_fresh_process(
+        "import sys; from runtime import MosRunner; import runtime.cli\n"
+        "assert MosRunner\n"
+        "bad = {'torch', 'onnx', 'mos_model', 'export'} & set(sys.modules)\n"
+        "assert not bad, bad"
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_numba_and_blas_settings_are_left_alone():
+    """Also under Numba's `workqueue` layer, which ends the process when two threads use it at once."""
+    done = in_fresh_process(
+        "import os, threading, numba, numpy as np\n"
+        "from tests.runtime.test_runner import TINY, drive\n"
+        "from runtime import MosRunner\n"
+        "before = numba.get_num_threads(), dict(os.environ)\n"
+        "runners = [MosRunner(TINY, threads=2) for _ in range(2)]\n"
+        "threads = [threading.Thread(target=lambda r=r: [r(*f) for f in drive(3)]) for r in runners]\n"
+        "[t.start() for t in threads]; [t.join() for t in threads]\n"
+        "assert before == (numba.get_num_threads(), dict(os.environ))\n",
+        NUMBA_THREADING_LAYER="workqueue",
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_runner_made_in_a_forked_child():
+    done = in_fresh_process(
+        "import os, warnings\n"
+        "warnings.simplefilter('ignore', DeprecationWarning)\n"
+        "from tests.runtime.test_runner import TINY, drive\n"
+        "from runtime import MosRunner\n"
+        "parent = MosRunner(TINY, threads=2, postprocess='none'); parent(*drive(1)[0])\n"
+        "child = os.fork()\n"
+        "if child == 0:\n"
+        "    MosRunner(TINY, threads=2)(*drive(1)[0]); os._exit(0)\n"
+        "assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0\n"
+        "parent(*drive(2)[1])\n"
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_read_only_installation(tmp_path):
+    """No folder for compiled kernels: they are compiled without one, warned once."""
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "from runtime.jit import kernel\nimport runtime.jit as j, numba.core.caching as c\n"
+            "class Nowhere(c.CacheImpl):\n"
+            "    pass\n"
+            "c.CompileResultCacheImpl._locator_classes = []\n"
+            "f = kernel(lambda x: x + 1); g = kernel(lambda x: x + 2)\n"
+            "assert f(1) == 2 and g(1) == 3",
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=Path(__file__).parents[2],
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("no folder for compiled kernels is writable") == 1
