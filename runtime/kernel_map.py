@@ -72,6 +72,7 @@ def build_scales(keys: NDArray[np.int64], depth: int, arena: Arena, name: str = 
             coarse_keys = arena.take(f"{name}keys{level + 1}", (coarse,), np.int64)
             starts = arena.take(f"{name}starts{level + 1}", (coarse + 1,), np.int32)
             child = arena.take(f"{name}child{level + 1}", (coarse + 1, 8), np.int32)
+            child[:] = len(keys)
             _coarsen(keys, parent, coarse_keys, starts, child)
             keys = coarse_keys
     return scales
@@ -129,6 +130,7 @@ def up_map(fine: Scale, count_coarse: int, arena: Arena, workers: Workers, name:
     tile = tile_size(count, workers)
     tiles = -(-count // tile)
     starts = arena.take(f"{name}.starts", (tiles, 9), np.int32)
+    starts[:] = 0
     _count_octants(fine.keys, tile, starts)
     size, pairs = _lay_out(starts, UNIT)
     inputs = arena.take(f"{name}.inputs", (size,), np.int32)
@@ -140,7 +142,6 @@ def up_map(fine: Scale, count_coarse: int, arena: Arena, workers: Workers, name:
 @kernel
 def _count_scales(keys, sizes):  # type: ignore[no-untyped-def]
     """Number of different `keys >> 3 * level` for each level."""
-    sizes[:] = 0
     for i in range(1, keys.size):
         difference = keys[i] ^ keys[i - 1]
         level = 0
@@ -157,7 +158,6 @@ def _count_scales(keys, sizes):  # type: ignore[no-untyped-def]
 
 @kernel
 def _coarsen(keys, parent, coarse_keys, starts, child):  # type: ignore[no-untyped-def]
-    child[:] = keys.size
     c = -1
     for v in range(keys.size):
         above = keys[v] >> 3
@@ -206,7 +206,8 @@ def _lowest_bit(context, mask):  # type: ignore[no-untyped-def]
 def _count(table, none, tile, masks, starts, first, last):  # type: ignore[no-untyped-def]
     """Leaves the number of pairs of offset k in starts[t, k + 1] and the offsets that exist in masks[v]."""
     for t in range(first, last):
-        starts[t] = 0
+        for k in range(starts.shape[1]):
+            starts[t, k] = 0
         low = t * tile
         high = min(low + tile, table.shape[0] - 1)
         for v in range(low, high):
@@ -240,7 +241,8 @@ def _fill(table, tile, masks, starts, inputs, outputs, first, last):  # type: ig
     offsets = table.shape[1]
     places = np.empty(offsets, np.int32)
     for t in range(first, last):
-        places[:] = starts[t, :offsets]
+        for k in range(offsets):
+            places[k] = starts[t, k]
         low = t * tile
         for v in range(low, min(low + tile, table.shape[0] - 1)):
             mask = masks[v]
@@ -252,13 +254,13 @@ def _fill(table, tile, masks, starts, inputs, outputs, first, last):  # type: ig
                 inputs[place] = table[v, k]
                 outputs[place] = v - low
         for k in range(offsets):
-            inputs[places[k] : starts[t, k + 1]] = 0
-            outputs[places[k] : starts[t, k + 1]] = tile
+            for place in range(places[k], starts[t, k + 1]):
+                inputs[place] = 0
+                outputs[place] = tile
 
 
 @kernel
 def _count_octants(keys, tile, starts):  # type: ignore[no-untyped-def]
-    starts[:] = 0
     for v in range(keys.size):
         starts[v // tile, (keys[v] & 7) + 1] += 1
 
@@ -267,7 +269,8 @@ def _count_octants(keys, tile, starts):  # type: ignore[no-untyped-def]
 def _fill_octants(keys, parent, tile, starts, inputs, outputs):  # type: ignore[no-untyped-def]
     places = np.empty(8, np.int64)
     for t in range(starts.shape[0]):
-        places[:] = starts[t, :8]
+        for k in range(8):
+            places[k] = starts[t, k]
         low = t * tile
         for v in range(low, min(low + tile, keys.size)):
             octant = keys[v] & 7
@@ -275,5 +278,6 @@ def _fill_octants(keys, parent, tile, starts, inputs, outputs):  # type: ignore[
             outputs[places[octant]] = v - low
             places[octant] += 1
         for k in range(8):
-            inputs[places[k] : starts[t, k + 1]] = 0
-            outputs[places[k] : starts[t, k + 1]] = tile
+            for place in range(places[k], starts[t, k + 1]):
+                inputs[place] = 0
+                outputs[place] = tile

@@ -81,8 +81,9 @@ def surroundings(
 
 @kernel
 def _coordinates(keys):  # type: ignore[no-untyped-def]
-    coords = np.zeros((keys.size, 3), np.int32)
+    coords = np.empty((keys.size, 3), np.int32)
     for i in range(keys.size):
+        coords[i, 0] = coords[i, 1] = coords[i, 2] = 0
         for bit in range(21):
             octant = keys[i] >> 3 * bit & 7
             coords[i, 0] |= (octant >> 2) << bit

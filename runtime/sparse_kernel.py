@@ -151,7 +151,7 @@ def convolve_tiles(  # type: ignore[no-untyped-def]
             if starts[t, k + 1] > begin:
                 _add_pairs(
                     source, row_length, weights.shape[2],
-                    panels, weights[k].ctypes.data,
+                    panels, weights.ctypes.data + 64 * k * panels * weights.shape[2],
                     inputs.ctypes.data + 4 * begin, outputs.ctypes.data + 4 * begin, starts[t, k + 1] - begin,
                     sums.ctypes.data, sums_size,
                 )  # fmt: skip

@@ -77,7 +77,9 @@ def _pick_features(features, rows, out, start, stop):  # type: ignore[no-untyped
     """Copies blocks channel by channel: kind to the caches in either memory order of the features."""
     channels = features.shape[1]
     block = np.empty((16, 1024), np.float32)
-    out[start:stop, channels:] = 0
+    for i in range(start, stop):
+        for c in range(channels, out.shape[1]):
+            out[i, c] = 0
     for low in range(start, stop, 1024):
         number = min(1024, stop - low)
         for group in range(0, channels, 16):
@@ -94,8 +96,9 @@ def _pick_features(features, rows, out, start, stop):  # type: ignore[no-untyped
 @kernel
 def _mean_features(features, rows, order, starts, kept, out, start, stop):  # type: ignore[no-untyped-def]
     channels = features.shape[1]
-    out[start:stop] = 0
     for i in range(start, stop):
+        for channel in range(out.shape[1]):
+            out[i, channel] = 0
         begin, end = starts[kept[i]], starts[kept[i] + 1]
         for j in range(begin, end):
             row = rows[order[j]]
@@ -115,7 +118,8 @@ def _exchange(coarse, table, members, keys, level, points, out, start, stop):  #
     for c in range(start, stop):
         for corner in range(8):
             corners[corner] = table[c, 13 + (corner >> 2) + 3 * (corner >> 1 & 1) + 9 * (corner & 1)]
-        out[c] = 0
+        for channel in range(channels):
+            out[c, channel] = 0
         for v in range(members[c], members[c + 1]):
             x = y = z = np.float32(0)  # place in the coarse voxel, 0 <= x < 1
             for bit in range(level):

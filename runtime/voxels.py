@@ -72,8 +72,9 @@ def voxelise(
 
 @kernel
 def _quantise(xyz, size, valid, cells, used, extents, task, start, stop):  # type: ignore[no-untyped-def]
-    lowest = np.full(3, _FAR, np.int64)
-    highest = np.full(3, -_FAR, np.int64)
+    for axis in range(3):
+        extents[task, axis] = _FAR
+        extents[task, 3 + axis] = -_FAR
     number = 0
     for i in range(start, stop):
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
@@ -86,10 +87,8 @@ def _quantise(xyz, size, valid, cells, used, extents, task, start, stop):  # typ
             cell = np.rint(xyz[i, axis] / size)
             q = np.int64(min(max(cell, np.float32(-_FAR)), np.float32(_FAR)))
             cells[i, axis] = q
-            lowest[axis] = min(lowest[axis], q)
-            highest[axis] = max(highest[axis], q)
-    extents[task, :3] = lowest
-    extents[task, 3:6] = highest
+            extents[task, axis] = min(extents[task, axis], q)
+            extents[task, 3 + axis] = max(extents[task, 3 + axis], q)
     extents[task, 6] = number
 
 
@@ -133,7 +132,8 @@ def _sort(keys, points, bits):  # type: ignore[no-untyped-def]
     other_points = np.empty_like(points)
     places = np.empty(2048, np.int64)
     for shift in range(0, bits, 11):
-        places[:] = 0
+        for digit in range(2048):
+            places[digit] = 0
         for i in range(keys.size):
             places[(keys[i] >> shift) & 2047] += 1
         total = 0
@@ -162,7 +162,9 @@ def _group(keys, points, count):  # type: ignore[no-untyped-def]
     coords = np.empty((voxels, 3), np.int32)
     first = np.empty(voxels, np.int32)
     starts = np.empty(voxels + 1, np.int32)
-    inverse = np.full(count, -1, np.int32)
+    inverse = np.empty(count, np.int32)
+    for i in range(count):
+        inverse[i] = -1
     v = -1
     for i in range(keys.size):
         key = keys[i]
