@@ -204,7 +204,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
         app.command()(export_command)
-        app(arguments, prog_name="to_onnx.py")
+        app(arguments, prog_name="mos export")
     except MosError as error:
         typer.echo(f"export: {error}", err=True)
         return 1

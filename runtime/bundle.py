@@ -114,6 +114,8 @@ def load_bundle(path: str | Path | None = None) -> Bundle:
     for name in NETWORK_FILES:
         if name not in manifest.files and (folder / name).exists():
             raise BundleError(f"{folder / name}: is not in the manifest; remove it, or export the bundle again")
+    if path is None and manifest.weights.get("trained") is not True:
+        raise BundleError(f"{folder}: is the default bundle, but its weights are not trained; pass another one")
     for name, entry in manifest.files.items():
         _verify(folder / name, entry)
     return Bundle(folder, manifest)
@@ -133,7 +135,7 @@ def default_bundle_path() -> Path:
 
 def parse_manifest(values: Any, where: str) -> Manifest:
     """A manifest from what its JSON holds. Raises BundleError naming what is unknown, missing or wrong."""
-    if not isinstance(values, dict) or not isinstance(values.get("format"), int):
+    if not isinstance(values, dict) or type(values.get("format")) is not int:
         raise BundleError(f"{where}: is no manifest of a bundle (it has no format number)")
     if values["format"] != FORMAT:
         raise BundleError(
