@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 import typer
 
 from runtime import __version__
-from runtime.errors import BundleError, MosError, MosWarning, SettingError
+from runtime.errors import BundleError, MissingPackageError, MosError, MosWarning, SettingError
 
 if TYPE_CHECKING:
     from runtime.sensor import Sensor
@@ -157,6 +157,53 @@ def doctor(
         show_findings(folder, findings)
         bad |= any(finding.level == "bad" for finding in findings)
     raise typer.Exit(1 if bad else 0)
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="New folder for sequences/NN.")],
+    sequences: Annotated[int, typer.Option(min=1, help="Streets.")] = 1,
+    frames: Annotated[int, typer.Option(min=1, help="Scans of each.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same data.")] = 0,
+    sensor: Annotated[str, typer.Option(help="hdl64e, hdl32e, vlp16, os1-32, os1-64 or os1-128.")] = "hdl64e",
+) -> None:
+    """Write simulated streets with labels and poses, in SemanticKITTI's layout."""
+    from mos_model.simulator.write import simulate_command
+    from runtime.progress import counted
+
+    with counted("scans") as progress:
+        done = simulate_command(out, sequences, frames, seed, sensor, progress)
+    typer.echo(done)
+
+
+PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}  # to the command's own parser
+
+
+@app.command(context_settings=PASSED_ON, add_help_option=False)
+def export(context: typer.Context) -> None:
+    """Turn a checkpoint, ours or a published one, into a bundle (extra 'export'). See mos export --help."""
+    _need("export", "torch", "onnx")
+    from export.to_onnx import main
+
+    raise typer.Exit(main(context.args))
+
+
+@app.command(context_settings=PASSED_ON, add_help_option=False)
+def train(context: typer.Context) -> None:
+    """Train a network on SemanticKITTI or simulated streets (extra 'train'). See mos train --help."""
+    _need("train", "torch")
+    from mos_model.train import main
+
+    raise typer.Exit(main(context.args))
+
+
+def _need(extra: str, *packages: str) -> None:
+    from importlib.util import find_spec
+
+    if missing := [package for package in packages if find_spec(package) is None]:
+        raise MissingPackageError(
+            f"mos {extra} needs {' and '.join(missing)}, not installed here: pip install 'lidar-mos[{extra}]'"
+        )
 
 
 def _sensor(bundle: Path | None) -> "Sensor | None":

@@ -195,9 +195,9 @@ def test_an_interrupt_keeps_what_is_finished(tmp_path):
     process = subprocess.Popen(
         [*command, "--bundle", str(BUNDLE), "--threads", "1"], stderr=subprocess.PIPE, text=True, env=WIDE
     )
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + 300
     while process.poll() is None and time.monotonic() < deadline:
-        if out.exists() and len(labels(out, "many")) > 5:
+        if out.exists() and len(labels(out, "many")) > 2:
             break
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
@@ -205,5 +205,5 @@ def test_an_interrupt_keeps_what_is_finished(tmp_path):
     assert process.returncode == 130, err
     assert "interrupted" in err
     assert "Traceback" not in err
-    assert 5 < len(labels(out, "many")) < 3000
+    assert 2 < len(labels(out, "many")) < 3000
     assert not list(out.rglob("*.part"))
