@@ -1,4 +1,4 @@
-"""From the checkpoint of a run to the one that ships: `python -m mos_model.publish RUN/best.pt models/NAME.pt`.
+"""From the checkpoint of a run to the one that ships: `python -m mos_model.publish RUN/best.pt models/NAME/checkpoint.pt`.
 
 Keeps the tensors in half precision and chooses, on simulated streets that neither training nor validation saw, the
 probability from which a pixel counts as moving.
@@ -49,8 +49,8 @@ def publish(
     out: Annotated[Path, typer.Argument(help="Checkpoint that ships")],
     streets: Annotated[int, typer.Option(help="Simulated streets that choose the threshold")] = 40,
     postprocess: Annotated[str | None, typer.Option(help="none, knn or head: the bundle's default")] = None,
-    source: Annotated[str, typer.Option(help="Where the weights come from, for the manifest")] = (
-        "trained on the streets of mos_model.simulator alone"
+    data: Annotated[str, typer.Option(help="What the weights were trained on, for the manifest")] = (
+        "simulated streets of mos_model.simulator"
     ),
 ) -> None:
     """Write the checkpoint that ships."""
@@ -60,13 +60,15 @@ def publish(
     source_of = SimulatedStreets(samples, frames=2, every=4, first_street=CALIBRATION_STREETS)
     threshold, iou = best_threshold(moving_histogram(found.image_net, source_of, streets))
     typer.echo(f"threshold {threshold:.3f}: moving IoU {100 * iou:.1f} of the pixels of {streets} calibration streets")
-    about = {
-        "name": out.stem,
+    training = {
         "threshold": threshold,
         "postprocess": postprocess or ("head" if found.point_head is not None else "knn"),
-        "weights": {"source": source, "trained": True, "steps": found.training.get("step")},
+        "trained": True,
+        "data": data,
+        "step": found.training.get("step"),
     }
-    save(out, config, found.image_net, found.point_head, {"export": about}, half=True)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    save(out, config, found.image_net, found.point_head, training, half=True)
     typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
 
 

@@ -1,6 +1,7 @@
 """`mos train`, `python -m mos_model.train`: from SemanticKITTI or simulated streets to a checkpoint."""
 
 import json
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,10 +20,10 @@ def train_command(
     ] = "simulated",
     road: Annotated[bool, typer.Option(help="With KITTI-Road-MOS in the same root")] = False,
     train_on: Annotated[
-        str | None, typer.Option(help="Sequences, as 00,01 [default: the published split]")
+        str | None, typer.Option(help="Sequences, as 00,01 (default: the published split)")
     ] = None,
     validate_on: Annotated[
-        str | None, typer.Option(help="Sequences, as 08 [default: the published split]")
+        str | None, typer.Option(help="Sequences, as 08 (default: the published split)")
     ] = None,
     sensor: Annotated[
         str,
@@ -34,12 +35,12 @@ def train_command(
     channels: Annotated[int, typer.Option(help="Width of the image network")] = 32,
     recipe: Annotated[str, typer.Option(help="'paper' or 'sim2real'")] = "paper",
     stage: Annotated[int, typer.Option(help="1: image network; 2: point head, image network frozen")] = 1,
-    steps: Annotated[int | None, typer.Option(help="Steps [default: of the recipe]")] = None,
+    steps: Annotated[int | None, typer.Option(help="Steps (default: of the recipe)")] = None,
     batch: Annotated[
-        int | None, typer.Option(help="Samples a step and process [default: of the recipe]")
+        int | None, typer.Option(help="Samples a step and process (default: of the recipe)")
     ] = None,
     crop: Annotated[
-        int | None, typer.Option(help="Columns of each sample, 0: all [default: of the recipe]")
+        int | None, typer.Option(help="Columns of each sample, 0: all (default: of the recipe)")
     ] = None,
     seed: Annotated[int, typer.Option(help="Of weights, data and dropout")] = 0,
     init: Annotated[Path | None, typer.Option(help="Checkpoint whose weights are the start")] = None,
@@ -132,15 +133,19 @@ def parse_setting(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def main() -> None:
-    """Entry point of `python -m mos_model.train`."""
-    app = typer.Typer(pretty_exceptions_enable=False)
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point of `python -m mos_model.train`. 0: done, 1: failed (stderr says why), 2: wrong usage."""
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     app.command()(train_command)
     try:
-        app()
+        app(arguments, prog_name="mos train")
     except MosError as error:
-        raise SystemExit(f"error: {error}") from None
+        typer.echo(f"train: {error}", err=True)
+        return 1
+    except SystemExit as done:
+        return done.code if isinstance(done.code, int) else 0
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
