@@ -9,7 +9,7 @@ import torch
 import typer
 
 from bench.report import interleaved, save, show, summary
-from export.write import image_net_model
+from export.to_onnx import onnx_bytes
 from mos_model.config import named_config
 from mos_model.network import build_image_network
 from runtime.image_net import ImageNet
@@ -33,7 +33,7 @@ def bench(
     tensor = torch.from_numpy(image[None])
     with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
         path = Path(folder) / "image_net.onnx"
-        path.write_bytes(image_net_model(model, network))
+        path.write_bytes(onnx_bytes(network, (1, *shape)))
         net = ImageNet(path, threads=threads)
         want = network(tensor).logits.softmax(1)[0].numpy()
         tasks = {"PyTorch eager": lambda: network(tensor), "ONNX Runtime": lambda: net.run(image)}

@@ -53,19 +53,19 @@ class BlockedMetaKernel(nn.Module):
 
     def __init__(self, block: MetaKernel) -> None:
         super().__init__()
-        self.block = block
+        self.bias, self.conv2, self.conv1x1 = block.conv1.bias, block.conv2, block.conv1x1
         self.register_buffer("copy", copies(3))
         difference = self.copy - self.copy[4]  # (9, 1, 1, 3, 3)
         self.register_buffer("near", block.conv1.weight.detach() * difference)  # (9, 16, 5, 3, 3)
 
     def forward(self, x: Tensor, features: Tensor) -> Tensor:
-        block, c = self.block, features.shape[1]
+        c = features.shape[1]
         out = None
         for j in range(9):
-            hidden = act(F.conv2d(x, self.near[j], block.conv1.bias, padding=1))  # (B, 16, H, W)
-            weight = block.conv2(hidden)  # (B, c, H, W)
+            hidden = act(F.conv2d(x, self.near[j], self.bias, padding=1))  # (B, 16, H, W)
+            weight = self.conv2(hidden)  # (B, c, H, W)
             neighbour = F.conv2d(features, self.copy[j].expand(c, 1, 3, 3), padding=1, groups=c) if j != 4 else features
-            bias = block.conv1x1.bias if j == 0 else None
-            part = F.conv2d(weight * neighbour, block.conv1x1.weight[:, j::9], bias)  # (B, c, H, W)
+            bias = self.conv1x1.bias if j == 0 else None
+            part = F.conv2d(weight * neighbour, self.conv1x1.weight[:, j::9], bias)  # (B, c, H, W)
             out = part if out is None else out + part
         return out

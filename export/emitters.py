@@ -1,4 +1,7 @@
-"""What each ATen operation is in ONNX. An emitter takes the tracer, the output's shape and the operation's arguments."""
+"""What each ATen operation is in ONNX.
+
+An emitter takes the tracer, the output's shape and the operation's arguments; it returns the name of the output.
+"""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -82,10 +85,13 @@ def leaky_relu(t: "Tracer", shape: Shape, x: Tensor, slope: float = 0.01) -> str
 
 
 def unary(op: str, *names: str) -> None:
+    """Register operations of one tensor."""
     emits(*names)(lambda t, shape, x: t.graph.add(op, [t.name(x)], shape))
 
 
 def binary(op: str, *names: str) -> None:
+    """Register operations of two tensors, or of a tensor and a number."""
+
     def emit(t: "Tracer", shape: Shape, a: Any, b: Any, alpha: float = 1) -> str:
         return t.graph.add(op, [operand(t, a), operand(t, b, alpha)], shape)
 
@@ -93,9 +99,11 @@ def binary(op: str, *names: str) -> None:
 
 
 def operand(t: "Tracer", value: Any, alpha: float = 1) -> str:
-    if isinstance(value, Tensor) and alpha == 1:
-        return t.name(value)
-    return t.graph.weight("scalar", np.asarray(float(value) * alpha, np.float32))
+    """The name of alpha * value, a tensor or a number."""
+    if not isinstance(value, Tensor):
+        return t.graph.weight("scalar", np.float32(value * alpha))
+    name = t.name(value)
+    return name if alpha == 1 else t.graph.add("Mul", [name, operand(t, alpha)], tuple(value.shape))
 
 
 unary("Relu", "relu", "relu_")
@@ -109,6 +117,11 @@ binary("Mul", "mul", "mul_")
 binary("Div", "div")
 binary("Max", "maximum")
 binary("Min", "minimum")
+
+
+@emits("rsub")
+def reversed_difference(t: "Tracer", shape: Shape, a: Tensor, b: Any, alpha: float = 1) -> str:
+    return t.graph.add("Sub", [operand(t, b), operand(t, a, alpha)], shape)
 
 
 @emits("clamp")

@@ -12,9 +12,11 @@ from mos_model.config import ModelConfig, named_config
 from mos_model.network import UNUSED_PREFIXES, build_image_network, build_point_head
 from runtime.errors import CheckpointError, SettingError
 from runtime.head_config import FULL, LITE, PointHeadConfig
-from runtime.sensor import HISTORY, Residual
+from runtime.sensor import Residual
 
-META_KERNEL_ROWS = ("d", "e", "v1", "v2", "v2-lite")  # the names that have a MetaKernel
+NETWORKS = ("lmnet", "b", "c", "d", "e", "v1", "v2", "v2-lite")
+
+State = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -33,15 +35,20 @@ class Source:
 def understand(content: Any, path: Path, network: str | None = None) -> Source:
     """Build the modules of what `read_tensors` returned.
 
-    `network` names a published network (`mos_model.config.NAMES`) where its file leaves that open: SoftPool and average
-    pooling have no weights. Raises CheckpointError naming every tensor that is missing, extra or misshapen.
+    `network` (one of NETWORKS) says what keys and shapes cannot: the pooling. Without it a network with
+    MetaKernel has SoftPool (v1). b to e and v1 speak of the image network: a point head in the file comes
+    along. Raises SettingError on an unknown `network`, and CheckpointError where the file is not of
+    `network`, or lacks, adds or misshapes a tensor: all of them are named.
     """
+    if network is not None and network not in NETWORKS:
+        raise SettingError(f"network must be one of {', '.join(NETWORKS)}, not {network!r}")
     if isinstance(content, dict) and {"format", "config", "image_net"} <= content.keys():
         return _ours(content, path, network)
-    kind, image_state, head_state = _published_parts(content, path)
-    config = _published_config(image_state, head_state, path, network)
+    kind, image_state, head_state = _parts(content, path)
+    config = _recognise(image_state, head_state, network, path)
     image_net, point_head = build_image_network(config), build_point_head(config)
-    dropped = load_state(image_net, image_state, f"{path}: image network", UNUSED_PREFIXES)
+    unused = UNUSED_PREFIXES if config.network == "dual" else ()
+    dropped = load_state(image_net, image_state, f"{path}: image network", unused)
     if point_head is not None and head_state is not None:
         load_state(point_head, head_state, f"{path}: point head")
         point_head.eval()
@@ -69,83 +76,90 @@ def _ours(content: dict[str, Any], path: Path, network: str | None) -> Source:
     return Source("checkpoint of lidar-mos", config, image_net.eval(), point_head, (), training, trained)
 
 
-def _published_parts(content: Any, path: Path) -> tuple[str, dict[str, Tensor], dict[str, Tensor] | None]:
-    """Kind in words, state dict of the image network, state dict of the point head."""
-    if isinstance(content, dict):
-        if "main_state_dict" in content:
-            if "refine_state_dict" not in content:
-                raise CheckpointError(
-                    f"{path}: has a main_state_dict but no refine_state_dict (the point head)"
-                )
-            head = _state(content["refine_state_dict"], path, "refine_state_dict")
-            return "published stage 2", _state(content["main_state_dict"], path, "main_state_dict"), head
-        if "state_dict" in content:
-            return "published stage 1", _state(content["state_dict"], path, "state_dict"), None
-        if content and all(isinstance(value, Tensor) for value in content.values()):
-            return "bare state dict", _state(content, path, "content"), None
-    held = (
-        f"it holds {', '.join(map(str, list(content)[:8]))}"
-        if isinstance(content, dict) and content
-        else "it is empty"
-    )
+def _parts(content: Mapping[Any, Any], path: Path) -> tuple[str, State, State | None]:
+    """Kind of file, weights of the image network, and those of the point head."""
+    if "main_state_dict" in content or "refine_state_dict" in content:
+        main, refine = (_state(content, key, path) for key in ("main_state_dict", "refine_state_dict"))
+        return "published stage 2", main, refine
+    if "state_dict" in content:
+        return "published stage 1", _state(content, "state_dict", path), None
+    if content and all(isinstance(value, Tensor) for value in content.values()):
+        return "bare state dict", _state({"state_dict": content}, "state_dict", path), None
+    found = ", ".join(map(str, list(content)[:10])) or "nothing"
     raise CheckpointError(
-        f"{path}: not a checkpoint of this network: neither state_dict, nor main_state_dict and refine_state_dict ({held})"
+        f"{path}: holds no known kind of checkpoint: expected image_net with config (this package), "
+        f"state_dict, main_state_dict with refine_state_dict, or weights alone, but found {found}"
     )
 
 
-def _state(values: Any, path: Path, what: str) -> dict[str, Tensor]:
-    """Tensors under their plain names (training on several GPUs puts `module.` before each)."""
-    if not isinstance(values, dict) or not all(isinstance(key, str) for key in values):
-        raise CheckpointError(f"{path}: {what} is no state dict")
-    return {key.removeprefix("module."): value for key, value in values.items()}
+def _state(content: Mapping[Any, Any], key: str, path: Path) -> State:
+    """A state dict, without the prefix that parallel training puts before every key."""
+    state = content.get(key)
+    if not isinstance(state, Mapping) or not state or not all(isinstance(name, str) for name in state):
+        raise CheckpointError(f"{path}: {key} should be a mapping from names to tensors, but is not")
+    prefixed = all(name.startswith("module.") for name in state)
+    return {name.removeprefix("module."): value for name, value in state.items()} if prefixed else state
 
 
-def _published_config(
-    image: Mapping[str, Any], head: Mapping[str, Any] | None, path: Path, network: str | None
-) -> ModelConfig:
-    width, inputs = _conv_shape(image, "downCntx.conv1.weight", path)[:2]
-    one_branch = "logits.weight" in image and "logits3.weight" not in image
-    lags = inputs - 5 if one_branch else _conv_shape(image, "RI_downCntx.conv1.weight", path)[1]
-    if not 1 <= lags <= HISTORY:
-        raise CheckpointError(f"{path}: takes {lags} residual images, but there are 1 to {HISTORY}")
-    name = _published_name(one_branch, any(key.startswith("metaConv.") for key in image), path, network)
-    residual = Residual(lags=tuple(range(1, lags + 1)))
-    point_head = _published_head(head, width) if head is not None else None
-    if point_head is not None and name in ("e", "v1", "v2", "v2-lite"):
-        name = "v2" if "stage3.0.net.0.kernel" in (head or {}) else "v2-lite"
-    elif point_head is None and name in ("e", "v2", "v2-lite"):
-        name = "v1"
-    return replace(named_config(name, width, residual=residual, point_head=None), point_head=point_head)
+def _recognise(image: State, head: State | None, network: str | None, path: Path) -> ModelConfig:
+    """The configuration that the keys and shapes speak of."""
+    try:
+        width = _size(image, "downCntx.conv1.weight", 0, 32)
+        changes: dict[str, Any] = {} if head is None else {"point_head": _head_config(head, width)}
+        name = _image_name(image, network)
+        if name == "lmnet":
+            images = _size(image, "downCntx.conv1.weight", 1, 13) - 5
+        else:
+            images = _size(image, "RI_downCntx.conv1.weight", 1, 8)
+        changes["residual"] = Residual(lags=tuple(range(1, images + 1)))
+        if name == "v1" and head is not None:
+            name = "v2-lite" if _depth(head) == len(LITE.down) else "v2"
+        if network in ("v2", "v2-lite") and network != name:
+            raise CheckpointError(f"it is {name}, not {network}")
+        return named_config(name, width, **changes)
+    except (CheckpointError, SettingError) as error:
+        raise CheckpointError(f"{path}: {error}") from error
 
 
-def _published_name(one_branch: bool, meta_kernel: bool, path: Path, network: str | None) -> str:
-    """Which row of the paper's table; `network` decides where the tensors do not."""
-    if one_branch:
-        fitting, default = ("lmnet",), "lmnet"
-    elif meta_kernel:
-        fitting, default = META_KERNEL_ROWS, "v1"
+def _image_name(state: State, network: str | None) -> str:
+    """Which row of the paper's ablation the image network is: lmnet, b, c, d or v1."""
+    if _has(state, "logits3.") or _has(state, "RI_"):
+        possible = ("v1", "e", "d", "v2", "v2-lite") if _has(state, "metaConv.") else ("b", "c")
+    elif _has(state, "logits."):
+        possible = ("lmnet",)
     else:
-        fitting, default = ("b", "c"), None
-    chosen = network or default
-    if chosen is None:
         raise CheckpointError(
-            f"{path}: is row b (average pooling) or c (SoftPool) of the paper's table, which its tensors do not tell; "
-            "say so by --network b or --network c"
+            f"no network of this family: neither logits3 nor logits among its {len(state)} tensors "
+            f"({', '.join(list(state)[:5])}, ...)"
         )
-    if chosen not in fitting:
-        raise CheckpointError(f"{path}: its tensors are those of {' or '.join(fitting)}, not of {chosen!r}")
-    return chosen
+    if network is None and possible == ("b", "c"):
+        raise CheckpointError("without MetaKernel it may be b (average pooling) or c: pass --network b or c")
+    name = possible[0] if network is None else network
+    if name not in possible:
+        raise CheckpointError(f"its tensors are those of {' or '.join(possible)}, not of {name}")
+    return "v1" if name in ("e", "v2", "v2-lite") else name
 
 
-def _published_head(state: Mapping[str, Any], width: int) -> PointHeadConfig:
-    """The full head has a third stage, the lite one has two."""
-    return replace(FULL if "stage3.0.net.0.kernel" in state else LITE, in_channels=width)
+def _head_config(state: State, width: int) -> PointHeadConfig:
+    """Full or lite by the number of stages, channels by the shapes."""
+    kinds = {len(kind.down): kind for kind in (FULL, LITE)}
+    if _depth(state) not in kinds:
+        raise CheckpointError(f"a point head of {_depth(state)} stages: the full one has 4, the lite one 2")
+    kind = kinds[_depth(state)]
+    down = (_size(state, f"stage{n}.2.net.3.kernel", 2, c) for n, c in enumerate(kind.down, 1))
+    up = (_size(state, f"up{n}.1.1.net.3.kernel", 2, c) for n, c in enumerate(kind.up, 1))
+    return replace(kind, in_channels=width, down=tuple(down), up=tuple(up))
 
 
-def _conv_shape(state: Mapping[str, Any], key: str, path: Path) -> tuple[int, ...]:
-    weight = state.get(key)
-    if not isinstance(weight, Tensor) or weight.ndim != 4:
-        raise CheckpointError(
-            f"{path}: {key} is missing or is no kernel; this is no image network of the paper"
-        )
-    return tuple(weight.shape)
+def _depth(head: State) -> int:
+    return len({key.split(".")[0] for key in head if key.startswith("stage")})
+
+
+def _has(state: State, prefix: str) -> bool:
+    return any(key.startswith(prefix) for key in state)
+
+
+def _size(state: State, key: str, axis: int, default: int) -> int:
+    """Length of one axis; the usual one where it cannot be seen, so that loading names whatever is wrong."""
+    value = state.get(key)
+    return value.shape[axis] if isinstance(value, Tensor) and value.ndim > axis else default

@@ -8,8 +8,8 @@ from export.graph import Graph, Node
 def fold_norms(graph: Graph) -> None:
     """Fold each scale and shift into the convolution before it, or else into the one after it.
 
-    After: only a convolution without padding, directly or through a concatenation (in the published networks a LeakyReLU
-    stands before the BatchNorm); a padded one sees zeros beyond the border, which have no shift.
+    After: only a convolution without padding, directly or through a concatenation (in the published networks a
+    LeakyReLU stands before the BatchNorm); a padded one sees zeros beyond the border, which have no shift.
     """
     for node in list(graph.nodes):
         if node.op == "BatchNormalization" and node.output not in graph.outputs:

@@ -143,7 +143,9 @@ def default_checkpoint() -> tuple[Path, Path]:
     ):
         if checkpoint.is_file():
             return checkpoint, out
-    raise CheckpointError("there is no checkpoint of a default bundle here: give one by --checkpoint X --out models/NAME")
+    raise CheckpointError(
+        "there is no checkpoint of a default bundle here: give one by --checkpoint X --out models/NAME"
+    )
 
 
 def export_command(
@@ -154,14 +156,22 @@ def export_command(
         Path | None, typer.Option(help="Folder of the bundle.", show_default="models/ and the checkpoint's name")
     ] = None,
     network: Annotated[
-        str | None, typer.Option(help="Published network, where its file leaves it open: b, c, d, e.", show_default="by its keys")
+        str | None,
+        typer.Option(help="Published network, where its file leaves it open: b, c, d, e.", show_default="by its keys"),
     ] = None,
     weights: Annotated[
-        str | None, typer.Option(help="Store kernels as float32 or float16.", show_default="float16 for ours, else float32")
+        str | None,
+        typer.Option(help="Store kernels as float32 or float16.", show_default="float16 for ours, else float32"),
     ] = None,
-    height: Annotated[int | None, typer.Option(help="Rows of the range image.", show_default="the checkpoint's")] = None,
-    width: Annotated[int | None, typer.Option(help="Columns of the range image.", show_default="the checkpoint's")] = None,
-    untrained: Annotated[bool, typer.Option("--untrained", help="Say in the manifest that the weights are random.")] = False,
+    height: Annotated[
+        int | None, typer.Option(help="Rows of the range image.", show_default="the checkpoint's")
+    ] = None,
+    width: Annotated[
+        int | None, typer.Option(help="Columns of the range image.", show_default="the checkpoint's")
+    ] = None,
+    untrained: Annotated[
+        bool, typer.Option("--untrained", help="Say in the manifest that the weights are random.")
+    ] = False,
     threads: Annotated[int, typer.Option(min=1, help="Threads of the comparison.")] = 2,
 ) -> None:
     """Turn a checkpoint into a bundle, and compare the two on a simulated scan."""

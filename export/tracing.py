@@ -17,6 +17,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from export.emitters import EMITTERS
 from export.graph import Graph
 from runtime.errors import SettingError
+
 # Evaluation mode and fixed shapes leave these without effect.
 ALIASES = ("detach", "alias", "clone", "lift_fresh")
 
@@ -54,9 +55,7 @@ class Tracer(TorchDispatchMode):
     def __init__(self) -> None:
         super().__init__()
         self.graph = Graph()
-        self.constants: dict[
-            int, tuple[str, Tensor]
-        ] = {}  # name and data, by the id of the tensor without data
+        self.constants: dict[int, tuple[str, Tensor]] = {}  # name and data, by the id of the tensor without data
         self._names: dict[int, str] = {}
         self._alive: list[Any] = []  # an id stands for a tensor only while the tensor lives
 

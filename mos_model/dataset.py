@@ -131,6 +131,7 @@ class SimulatedStreets:
     every: int = 2  # scans between them
     crops: int = 1  # of each of them
     first_street: int | None = None  # streets are numbered from here instead of by the seed (validation)
+    movers: float | None = None  # density of the traffic; None: drawn for each street
 
     @property
     def group_size(self) -> int:
@@ -148,7 +149,7 @@ class SimulatedStreets:
         history: deque[Frame] = deque(maxlen=HISTORY + 1)
         samples: list[Sample] = []
         length = HISTORY + 1 + self.every * (self.frames - 1)
-        for index, scan in enumerate(simulate(street, length, sensor=self.profile)):
+        for index, scan in enumerate(simulate(street, length, sensor=self.profile, movers=self.movers)):
             history.append(make_frame(scan.points, scan.pose, label_classes(scan.labels)))
             if index >= HISTORY and (index - HISTORY) % self.every == 0:
                 samples += make_samples(list(history), self.samples, rng, self.crops)

@@ -1,7 +1,8 @@
 """From the checkpoint of a run to the one that ships: `python -m mos_model.publish RUN/best.pt models/NAME/checkpoint.pt`.
 
 Keeps the tensors in half precision and chooses, on simulated streets that neither training nor validation saw, the
-probability from which a pixel counts as moving.
+probability from which a pixel counts as moving. Their traffic is light, as on most streets; training streets have more
+movers than life, and a threshold chosen on them would raise false alarms.
 """
 
 from pathlib import Path
@@ -19,6 +20,7 @@ from mos_model.labels import MOVING, STATIC
 
 CALIBRATION_STREETS = 15_000_000  # seeds from here on choose thresholds; validation has those below
 BINS = 200
+LIGHT_TRAFFIC = 0.35  # of the usual density
 
 
 def moving_histogram(network: nn.Module, streets: SimulatedStreets, count: int) -> NDArray[np.int64]:
@@ -57,7 +59,7 @@ def publish(
     found = load(checkpoint)
     config = found.config
     samples = SampleConfig(config.sensor, config.residual)
-    source_of = SimulatedStreets(samples, frames=2, every=4, first_street=CALIBRATION_STREETS)
+    source_of = SimulatedStreets(samples, frames=2, every=4, first_street=CALIBRATION_STREETS, movers=LIGHT_TRAFFIC)
     threshold, iou = best_threshold(moving_histogram(found.image_net, source_of, streets))
     typer.echo(f"threshold {threshold:.3f}: moving IoU {100 * iou:.1f} of the pixels of {streets} calibration streets")
     training = {

@@ -85,14 +85,16 @@ class Bundle:
         available = {key: name for key, name in available.items() if name in self.manifest.files}
         wanted = precision if precision != "auto" else ("int8" if "int8" in available else "float32")
         if wanted not in available:
-            raise BundleError(f"{self.path}: has no image network of precision {precision!r}, only {', '.join(available)}")
+            raise BundleError(
+                f"{self.path}: has no image network of precision {precision!r}, only {', '.join(available)}"
+            )
         return self.path / available[wanted]
 
     def point_head(self) -> dict[str, NDArray[np.generic]]:
         """Weights of the point head, for `PointHeadEngine`. A kernel with a scale beside it is multiplied by that."""
         path = self.path / POINT_HEAD
         try:
-            with np.load(path, allow_pickle=False) as stored:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
                 arrays = {key: stored[key] for key in stored.files}
             scales = {key.removesuffix(".scale"): arrays.pop(key) for key in list(arrays) if key.endswith(".scale")}
             for name, scale in scales.items():
@@ -143,8 +145,13 @@ def parse_manifest(values: Any, where: str) -> Manifest:
             f"{'update lidar-mos' if values['format'] > FORMAT else 'export the checkpoint again'}"
         )
     parts = dict(values)
-    for key, kind in (("sensor", Sensor), ("residual", Residual), ("point_head", PointHeadConfig), ("decision", Decision)):
-        if parts.get(key) is not None:
+    for key, kind in (
+        ("sensor", Sensor),
+        ("residual", Residual),
+        ("point_head", PointHeadConfig),
+        ("decision", Decision),
+    ):
+        if key in parts and (key != "point_head" or parts[key] is not None):
             parts[key] = _build(kind, parts[key], f"{where}: {key}")
     files = parts.get("files")
     if not isinstance(files, dict) or not {IMAGE_NET, IMAGE_NET_INT8} & set(files):

@@ -25,7 +25,8 @@ _warned = False
 def _compile(function: Function, **options: Any) -> Function:
     global _warned
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        compiled: Function = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        return compiled
     except RuntimeError as error:  # Numba finds no folder that it may write its cache to
         if "cannot cache function" not in str(error):
             raise
@@ -37,7 +38,8 @@ def _compile(function: Function, **options: Any) -> Function:
             MosWarning,
             stacklevel=4,
         )
-    return numba.njit(nogil=True, error_model="numpy", **options)(function)
+    compiled = numba.njit(nogil=True, error_model="numpy", **options)(function)
+    return compiled
 
 
 def kernel(function: Function) -> Function:

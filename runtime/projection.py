@@ -1,10 +1,8 @@
 """Spherical projection of points to the pixels of a range image (paper, eq. 1)."""
 
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from runtime.jit import fast_kernel, inlined
 from runtime.sensor import Sensor
@@ -140,32 +138,3 @@ def project_scan(points, scale, min_range, max_range, pixel, distance, first, ne
                     first[cell] = i
                 if r > min_range and r < max_range and r < limited[cell]:
                     limited[cell] = r
-
-
-@fast_kernel
-def _project(points, scale, pixel, distance):  # type: ignore[no-untyped-def]
-    xyz = np.empty((3, BLOCK), np.float32)
-    identity = np.zeros((3, 4), np.float32)
-    identity[0, 0] = identity[1, 1] = identity[2, 2] = np.float32(1)
-    for start in range(0, points.shape[0], BLOCK):
-        stop = min(start + BLOCK, points.shape[0])
-        project_block(points[start:stop], identity, scale, xyz, pixel[start:stop], distance[start:stop])
-
-
-def project(points: NDArray[np.float32], sensor: Sensor) -> tuple[NDArray[np.int32], NDArray[np.int32], Any]:
-    """Pixel column u, row v (N,) int32 and range (N,) f32 in m of points (N, >=3) f32 (paper, eq. 1).
-
-    Points outside the field of view are clamped into the first or last row. Points at the origin or with a coordinate
-    that is not finite have no pixel: u = v = -1, range 0.
-    """
-    pixel = np.empty(len(points), np.int32)
-    distance = np.empty(len(points), np.float32)
-    _project(points, pixel_scale(sensor), pixel, distance)
-    return split_pixel(pixel, sensor.width) + (distance,)
-
-
-def split_pixel(pixel: NDArray[np.int32], width: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Column u and row v (N,) int32 of pixel indices; -1 stays -1."""
-    v, u = np.divmod(pixel, np.int32(width))
-    u[pixel < 0] = -1
-    return u, v

@@ -1,22 +1,29 @@
-"""Make the tiny checkpoint and bundle that tests use: `python -m tests.make_tiny [FOLDER]`.
+"""Make the tiny checkpoint, bundle and scans that tests use: `python -m tests.make_tiny [FOLDER]`.
 
-A v2-lite with 4 channels and a small head for 64 x 256 pixels, with random weights: it runs fast and finds nothing.
+A v2-lite with 4 channels and a small head for 64 x 256 pixels, with random weights: it runs fast and finds nothing. Nine
+thinned simulated scans, and what PyTorch computes for the last of them from the naive network input.
 """
 
 import shutil
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import nn
 
 from export.to_onnx import export_checkpoint
-from mos_model.checkpoint import save
+from mos_model.checkpoint import load, save
 from mos_model.config import ModelConfig, named_config
 from mos_model.network import build_image_network, build_point_head
+from mos_model.simulator.sensors import PROFILES
+from mos_model.simulator.write import write_dataset
 from runtime.head_config import PointHeadConfig
-from runtime.sensor import Sensor
+from runtime.sensor import HISTORY, Sensor
+from runtime.sequence import open_sequence
+from tests.reference_inputs import input_image, project_point
 
 FOLDER = Path(__file__).parent / "data" / "tiny"
 SEED = 0
@@ -42,8 +49,37 @@ def random_network(config: ModelConfig) -> tuple[nn.Module, nn.Module | None]:
     return image_net.eval(), point_head
 
 
+def write_scans(folder: Path) -> None:
+    """`folder`/sequences/00: a drive past a mover, with a seventh of the sensor's columns."""
+    shutil.rmtree(folder, ignore_errors=True)
+    write_dataset(
+        folder, 1, HISTORY + 1, seed=5, sensor=replace(PROFILES["hdl64e"], azimuth_steps=150), origin_point=True
+    )
+
+
+def expected_probabilities(checkpoint: Path, sequence: Path) -> np.ndarray:
+    """(N, 3) f32 of the last scan of `sequence`: naive input, PyTorch image network, PyTorch point head; 0 without pixel."""
+    found = load(checkpoint)
+    config, head = found.config, found.point_head
+    assert head is not None
+    opened = open_sequence(sequence)
+    *past, (points, pose) = [opened.read(i) for i in range(HISTORY + 1)]
+    past.reverse()
+    relative = [np.linalg.inv(pose) @ other for _, other in past]
+    image = input_image(points, [scan for scan, _ in past], relative, config.sensor, config.residual)
+    pixels = np.array([project_point(*point[:3].astype(np.float64), config.sensor)[:2] for point in points])
+    valid = pixels[:, 0] >= 0
+    u, v = pixels[valid].T
+    probabilities = np.zeros((len(points), 3), np.float32)
+    with torch.no_grad():
+        features = found.image_net(torch.from_numpy(image[None].astype(np.float32))).features[0]  # (c, H, W)
+        grid = head.grid(torch.from_numpy(points[valid, :3].copy()))
+        probabilities[valid] = head(grid, features[:, v, u].T).softmax(1).numpy()
+    return probabilities
+
+
 def main(folder: Path = FOLDER) -> None:
-    """Write `folder`/checkpoint.pt and `folder`/bundle."""
+    """Write `folder`/checkpoint.pt, `folder`/bundle, `folder`/scans and `folder`/expected.npy."""
     folder.mkdir(parents=True, exist_ok=True)
     config = tiny_config()
     image_net, point_head = random_network(config)
@@ -51,6 +87,8 @@ def main(folder: Path = FOLDER) -> None:
     with tempfile.TemporaryDirectory() as work:
         export_checkpoint(folder / "checkpoint.pt", Path(work) / "bundle")
         shutil.copytree(Path(work) / "bundle", folder / "bundle", dirs_exist_ok=True)
+    write_scans(folder / "scans")
+    np.save(folder / "expected.npy", expected_probabilities(folder / "checkpoint.pt", folder / "scans/sequences/00"))
 
 
 if __name__ == "__main__":

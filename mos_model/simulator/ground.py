@@ -1,4 +1,4 @@
-"""The ground: a grid of heights and surface classes painted from the roads, and the rays that end on it. Kernels."""
+"""The ground: grids of heights and surface classes painted from the roads; rays that end on it. Kernels."""
 
 import numpy as np
 
@@ -10,8 +10,9 @@ COARSE = 1.0  # m, cell of the grid of distances to the next road
 
 @kernel
 def paint_roads(edge, x0, y0, cell, segments, reach):
-    """Lower `edge` (rows, columns), the distance of each node to the nearest road's edge (negative on the road), by
-    `segments` (n, 5): two end points and the half width of the road there, all in m. Nodes beyond `reach` stay."""
+    """Lower `edge` (rows, columns), the distance of each node to the nearest road's edge (negative on the
+    road), by `segments` (n, 5): two end points and the half width of the road there, all in m. Nodes beyond
+    `reach` stay."""
     rows, columns = edge.shape
     for k in range(segments.shape[0]):
         ax, ay, bx, by, half = segments[k]
@@ -55,10 +56,12 @@ def bilinear_many(grid, x0, y0, cell, x, y):
 
 @fast_kernel
 def pave(height, surface, cell, edge, base, style):
-    """Fill the fine grids `height` (float32 m) and `surface` (uint8 class) from the coarse grids `edge` and `base`.
+    """Fill the fine grids `height` (float32 m) and `surface` (uint8 class) from the coarse grids `edge` and
+    `base`.
 
-    `style`: sidewalk width, kerb height, width of the strip beyond it at the same height, slope and largest height of
-    the bank beyond, surface class of the strip, surface class beyond, half width of the middle marking (0: none).
+    `style`: sidewalk width, kerb height, width of the strip beyond it at the same height, slope and largest
+    height of the bank beyond, surface class of the strip, surface class beyond, half width of the middle
+    marking (0: none).
     """
     walk, kerb, strip, bank, bank_top, strip_class, far_class, marking = style
     rows, columns = height.shape
@@ -107,9 +110,10 @@ def _height(grid, gx, gy):
 def cast_ground(
     world, slope, origin, level, drop, height, surface, x0, y0, cell, highest, radii, rough, seed, depth, hit
 ):
-    """First crossing of every ray with the ground: `depth` (columns, beams) m along the ray (inf: none) and `hit`,
-    -2 - surface class. `drop` (beams,) lowers each beam's origin; `highest` m is the top of the ground; `radii` (n,) m
-    are the places where it is looked up along a column; `rough` (5,) m is what grows or lies on each surface."""
+    """First crossing of every ray with the ground: `depth` (columns, beams) m along the ray (inf: none) and
+    `hit`, -2 - surface class. `drop` (beams,) lowers each beam's origin; `highest` m is the top of the
+    ground; `radii` (n,) m are the places where it is looked up along a column; `rough` (5,) m is what grows
+    or lies on each surface."""
     columns, beams = depth.shape
     count = len(radii)
     profile = np.empty(count)

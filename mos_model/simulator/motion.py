@@ -46,7 +46,10 @@ class Speed:
 
 
 def draw_speed(rng: Random, kind: str, fast: float, duration: float, hard: float = 2.5) -> Speed:
-    """A speed profile around `fast` m/s: constant, standing, pull_away, brake, stop_and_go; `hard` m/s2 at most."""
+    """A speed profile around `fast` m/s: constant, standing, pull_away, brake or stop_and_go.
+
+    `hard` is the strongest push in m/s2.
+    """
     end = duration + 1.0
     push = rng.uniform(0.4, 1.0) * hard
     if kind == "standing":

@@ -1,13 +1,11 @@
-"""Rays against primitives: each primitive is tested only with the rays inside its outline, near ones first, and the
-nearest hit of each ray is kept. Kernels; one file, self-contained.
+"""Rays against primitives: each primitive is tested only with the rays inside its outline, near ones first,
+and the nearest hit of each ray is kept. Kernels; one file, self-contained.
 
-A primitive is one row of COLUMNS float64 values:
-    0 kind; 1-3 position of its own frame in the world; 4, 5 cosine and sine of its yaw; 6-13 geometry; 14 material;
-    15 object; 16-18 parameters of the material; 19-21 swing of a limb (amplitude rad, stride m, phase); 22 albedo
-Geometry in its own frame, m:
-    FRUSTUM   z bottom, z top, x rear and x front at the bottom, the same at the top, half width bottom, top
-    ELLIPSOID centre x y z, radii x y z
-    CAPSULE   end point, end point, radius
+A primitive is one row of COLUMNS float64 values: 0 kind; 1-3 position of its own frame in the world; 4, 5
+cosine and sine of its yaw; 6-13 geometry; 14 material; 15 object; 16-18 parameters of the material; 19-21
+swing of a limb (amplitude rad, stride m, phase); 22 albedo Geometry in its own frame, m: FRUSTUM   z bottom,
+z top, x rear and x front at the bottom, the same at the top, half width bottom, top ELLIPSOID centre x y z,
+radii x y z CAPSULE   end point, end point, radius
 """
 
 import numpy as np
@@ -48,12 +46,7 @@ def _uniform(state):
 
 @inlined
 def _cell_hash(i, j, k, salt):
-    h = (
-        np.uint64(i * 73856093)
-        ^ np.uint64(j * 19349663)
-        ^ np.uint64(k * 83492791)
-        ^ np.uint64(salt * 2654435761)
-    )
+    h = np.uint64(i * 73856093) ^ np.uint64(j * 19349663) ^ np.uint64(k * 83492791) ^ np.uint64(salt * 2654435761)
     h ^= h >> np.uint64(31)
     h *= np.uint64(0x9E3779B97F4A7C15)
     h ^= h >> np.uint64(29)
@@ -78,26 +71,6 @@ def bounds(prims):
             for a in range(3):
                 out[k, a], out[k, 3 + a] = min(g[a], g[3 + a]) - g[6], max(g[a], g[3 + a]) + g[6]
     return out
-
-
-@kernel
-def place(templates, pose, walked, out, first):
-    """Write `templates` (n, COLUMNS) into `out` from row `first`, moved by `pose` (x, y, z, yaw), limbs swung after
-    `walked` metres."""
-    c, s = np.cos(pose[3]), np.sin(pose[3])
-    for k in range(len(templates)):
-        row, t = out[first + k], templates[k]
-        row[:] = t
-        row[1] = pose[0] + c * t[1] - s * t[2]
-        row[2] = pose[1] + s * t[1] + c * t[2]
-        row[3] = pose[2] + t[3]
-        row[4] = c * t[4] - s * t[5]
-        row[5] = s * t[4] + c * t[5]
-        if t[19] != 0.0 and t[0] == CAPSULE:  # the second end swings about the first, in the x-z plane
-            angle = t[19] * np.sin(2.0 * np.pi * walked / t[20] + t[21])
-            dx, dz = t[9] - t[6], t[11] - t[8]
-            row[9] = t[6] + np.cos(angle) * dx - np.sin(angle) * dz
-            row[11] = t[8] + np.sin(angle) * dx + np.cos(angle) * dz
 
 
 @inlined
@@ -172,7 +145,7 @@ def _capsule(g, ox, oy, oz, dx, dy, dz):
 
 @fast_kernel
 def _material(row, k, near, far, face, ox, oy, oz, dx, dy, dz, limit, cosine, state):
-    """What the material makes of a ray that enters at `near`: (depth, hit, cosine); depth inf: the ray goes on."""
+    """What the material makes of a ray that enters at `near`: (depth, hit, cosine); inf: the ray goes on."""
     material = int(row[14])
     hit = k
     if material == FOLIAGE:
@@ -253,7 +226,7 @@ def sort_near(prims, boxes, x, y, reach):
 
 @kernel
 def _outline(row, box, velocity, states, duration, columns):
-    """First and last column that may see the box, whichever moment of the sweep; last - first >= columns: all."""
+    """First and last column that may see the box in the sweep; `columns` apart: all of them."""
     first, last, reference = 1e9, -1e9, 1e9
     for k in range(3):
         time = 0.5 * (k - 1) * duration
@@ -287,9 +260,9 @@ def cast_primitives(
     prims, boxes, order, velocity, world, slope, origin, level, phase, drop, tangents, states, duration, seed,
     depth, hit, cosine,
 ):  # fmt: skip
-    """Lower `depth` (columns, beams) to the nearest primitive of each ray; `hit` is its row, -1 where the light is lost;
-    `cosine` that of incidence. `order` from sort_near; `velocity` (objects, 2) m/s; `tangents` (beams,) falling slopes of
-    the beams in a level sensor; the rest as world_rays gives it."""
+    """Lower `depth` (columns, beams) to the nearest primitive of each ray; `hit` is its row, -1 where the
+    light is lost; `cosine` that of incidence. `order` from sort_near; `velocity` (objects, 2) m/s; `tangents`
+    (beams,) falling slopes of the beams in a level sensor; the rest as world_rays gives it."""
     columns, beams = depth.shape
     state = np.empty(1, np.uint64)
     state[0] = np.uint64(seed) | np.uint64(1)
@@ -344,8 +317,6 @@ def cast_primitives(
                     near, far, face, angle = _capsule(g, ox, oy, z, dx, dy, dz)
                 if near > far or far < 0.0 or near >= depth[c, b]:
                     continue
-                t, what, angle = _material(
-                    row, k, near, far, face, ox, oy, z, dx, dy, dz, depth[c, b], angle, state
-                )
+                t, what, angle = _material(row, k, near, far, face, ox, oy, z, dx, dy, dz, depth[c, b], angle, state)
                 if t < depth[c, b]:
                     depth[c, b], hit[c, b], cosine[c, b] = t, what, angle

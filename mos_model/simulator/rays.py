@@ -1,4 +1,4 @@
-"""The rays of one sweep: where each firing starts, where it points, and when. Kernels; one file, self-contained."""
+"""The rays of one sweep: where each firing starts, where it points, and when. Kernels."""
 
 import numpy as np
 
@@ -36,7 +36,7 @@ def rotation(yaw, pitch, roll):
 
 @kernel
 def local_rays(azimuth, elevation, offset):
-    """Directions in the sensor frame, (columns, beams, 3) float32. `offset` (beams,) turns each beam, radians."""
+    """Directions in the sensor frame, (columns, beams, 3) float32; `offset` (beams,) radians turns beams."""
     columns, beams = len(azimuth), len(elevation)
     out = np.empty((columns, beams, 3), np.float32)
     up, flat = np.sin(elevation), np.cos(elevation)
@@ -54,10 +54,11 @@ def local_rays(azimuth, elevation, offset):
 def world_rays(local, azimuth, states, world, slope, origin, level, phase):
     """Turn the rays of one sweep into the world.
 
-    `states` (3, 6): x, y, z, yaw, pitch, roll of the sensor at the start, middle and end of the sweep. Fills `world`
-    (columns, beams, 3) unit directions, `slope` (columns, beams) rise per horizontal metre, `origin` (columns, 3),
-    `level` (columns, 3): horizontal unit direction and slope of a ray of elevation 0, and `phase` (columns,): time in
-    the sweep, -0.5 to 0.5 of its duration. The sweep begins and ends behind the sensor.
+    `states` (3, 6): x, y, z, yaw, pitch, roll of the sensor at the start, middle and end of the sweep. Fills
+    `world` (columns, beams, 3) unit directions, `slope` (columns, beams) rise per horizontal metre, `origin`
+    (columns, 3), `level` (columns, 3): horizontal unit direction and slope of a ray of elevation 0, and
+    `phase` (columns,): time in the sweep, -0.5 to 0.5 of its duration. The sweep begins and ends behind the
+    sensor.
     """
     columns, beams = local.shape[0], local.shape[1]
     state = np.empty(6)
@@ -87,8 +88,8 @@ def world_rays(local, azimuth, states, world, slope, origin, level, phase):
 
 @kernel
 def restoring(states, phase):
-    """(columns, 3, 4) motions that take what was measured at each column to the sensor's frame at mid-sweep, for a
-    sensor that moved as `states` (see world_rays) say."""
+    """(columns, 3, 4) motions that take what was measured at each column to the sensor's frame at mid-sweep,
+    for a sensor that moved as `states` (see world_rays) say."""
     middle = rotation(states[1, 3], states[1, 4], states[1, 5])
     out = np.empty((len(phase), 3, 4))
     state = np.empty(6)
@@ -100,9 +101,7 @@ def restoring(states, phase):
         turn = rotation(state[3], state[4], state[5])
         for i in range(3):
             for j in range(3):
-                out[c, i, j] = (
-                    middle[0, i] * turn[0, j] + middle[1, i] * turn[1, j] + middle[2, i] * turn[2, j]
-                )
+                out[c, i, j] = middle[0, i] * turn[0, j] + middle[1, i] * turn[1, j] + middle[2, i] * turn[2, j]
             out[c, i, 3] = 0.0
             for j in range(3):
                 out[c, i, 3] += middle[j, i] * (state[j] - states[1, j])

@@ -31,15 +31,16 @@ def _normal(state):
 
 @fast_kernel
 def report(
-    depth, hit, cosine, prims, label, ground_label, ground_albedo, material_loss, local, world, drop, restore, hidden, bias,
-    limits, noise, sensitivity, loss, stray, resolution, imperfect, seed,
+    depth, hit, cosine, prims, label, ground_label, ground_albedo, material_loss, local, world, drop, restore, hidden,
+    bias, limits, noise, sensitivity, loss, stray, resolution, imperfect, seed,
 ):  # fmt: skip
     """Points (n, 4) float32 in the sensor frame and labels (n,) uint32, laser by laser, azimuth from 0 up.
 
-    `label` (objects,) of the primitives' objects; `ground_label`, `ground_albedo` by surface class; `material_loss`
-    (materials,) share of returns lost; `restore` (columns, 3, 4) takes what was measured at a column to the scan's
-    frame; `hidden` (columns, beams) what the vehicle itself hides; `bias` (beams,) m; `limits` least and greatest
-    range; `noise` m; `loss` and `stray` shares of firings without or with a senseless return.
+    `label` (objects,) of the primitives' objects; `ground_label`, `ground_albedo` by surface class;
+    `material_loss` (materials,) share of returns lost; `restore` (columns, 3, 4) takes what was measured at a
+    column to the scan's frame; `hidden` (columns, beams) what the vehicle itself hides; `bias` (beams,) m;
+    `limits` least and greatest range; `noise` m; `loss` and `stray` shares of firings without or with a
+    senseless return.
     """
     columns, beams = depth.shape
     points = np.empty((beams, columns, 4), np.float32)
@@ -68,7 +69,11 @@ def report(
                     who, albedo, angle = label[int(prims[k, 15])], prims[k, 22], np.float64(cosine[c, b])
                     chance += material_loss[int(prims[k, 14])]
                 else:
-                    who, albedo, angle = ground_label[-2 - k], ground_albedo[-2 - k], -np.float64(world[c, b, 2])
+                    who, albedo, angle = (
+                        ground_label[-2 - k],
+                        ground_albedo[-2 - k],
+                        -np.float64(world[c, b, 2]),
+                    )
                     angle = max(angle, 0.0)
                 if imperfect:
                     power = albedo * angle / (t * t * sensitivity)

@@ -1,4 +1,4 @@
-"""Roads: centre lines sampled every metre, their cross-section, and paths along their lanes."""
+"""Roads: centre lines sampled every metre, and paths along their lanes."""
 
 import math
 from dataclasses import dataclass
@@ -6,48 +6,12 @@ from random import Random
 
 import numpy as np
 
-
-@dataclass(frozen=True)
-class StreetStyle:
-    """What a kind of street looks like; ranges are (least, greatest), chances 0..1."""
-
-    lanes: tuple[int, ...]  # per direction, drawn from these
-    lane_width: tuple[float, float]  # m
-    speed: tuple[float, float]  # m/s, of the traffic
-    crossings: tuple[float, float]  # m between side roads
-    bend: float  # 1/m, standard deviation of the curvature
-    walk: tuple[float, float]  # m, sidewalk
-    strip: tuple[float, float]  # m, strip beyond
-    parked: float  # share of the kerb with parked cars
-    buildings: float  # share of the frontage that is built up
-    setback: tuple[float, float]  # m, sidewalk to buildings
-    height: tuple[float, float]  # m, of buildings
-    barriers: float  # share of the frontage with hedge, wall, fence or rail
-    trees: float  # per 100 m of kerb
-    poles: float  # per 100 m of kerb
-    green: float  # trees and bushes per 1000 m2 beyond
-    vehicles: float  # per lane and 100 m
-    walkers: float  # per 100 m of street
-    standing: float  # people standing, per 100 m of street
-
-
-STYLES = {
-    "residential": StreetStyle((1,), (2.6, 3.4), (5, 13), (50, 160), 0.006, (1.2, 2.5), (0, 3), 0.55, 0.6, (0.5, 8),
-                               (5, 12), 0.55, 2.0, 2.0, 3.0, 0.7, 2.0, 0.8),
-    "urban": StreetStyle((1, 1, 2), (2.8, 3.6), (6, 15), (50, 150), 0.003, (2, 6), (0, 2), 0.5, 0.85, (0, 3),
-                         (9, 25), 0.15, 3.0, 5.0, 0.5, 1.3, 4.5, 2.0),
-    "highway": StreetStyle((2, 2, 3), (3.4, 3.8), (20, 34), (400, 900), 0.0008, (0.2, 1.5), (2, 8), 0.0, 0.05, (10, 40),
-                           (6, 15), 0.85, 1.0, 2.0, 5.0, 1.4, 0.02, 0.02),
-    "country": StreetStyle((1,), (2.7, 3.6), (10, 24), (150, 500), 0.004, (0.2, 1.5), (2, 8), 0.02, 0.12, (5, 25),
-                           (4, 10), 0.3, 2.5, 1.0, 5.0, 0.7, 0.3, 0.1),
-    "open": StreetStyle((1, 2), (3.0, 4.0), (3, 14), (60, 200), 0.004, (1, 4), (2, 15), 0.15, 0.25, (10, 35),
-                        (5, 20), 0.1, 1.0, 1.5, 0.6, 0.7, 2.0, 0.7),
-}  # fmt: skip
+from mos_model.simulator.streets import StreetStyle
 
 
 @dataclass
 class Road:
-    """A centre line: x, y in m and heading in radians every metre; lanes of one direction lie to the right of it."""
+    """A centre line: x, y in m and heading in radians every metre; traffic keeps to the right of it."""
 
     x: np.ndarray  # (n,)
     y: np.ndarray  # (n,)
@@ -76,7 +40,7 @@ class Road:
         return x, y, h
 
     def line(self, aside: float, start: float = 0.0, stop: float | None = None) -> np.ndarray:
-        """Points (n, 2) every metre from `start` to `stop`, `aside` m to the left; backwards where stop < start."""
+        """Points (n, 2) each metre from `start` to `stop` (or back), `aside` m to the left."""
         stop = self.length if stop is None else stop
         s = np.linspace(start, stop, max(int(abs(stop - start)), 1) + 1)
         k = np.arange(len(self.x))
@@ -129,8 +93,22 @@ def side_road(rng: Random, style: StreetStyle, road: Road, s: float, reach: int 
     )
 
 
+def lay_roads(rng: Random, style: StreetStyle, length: int, crossing: float | None, beyond: float) -> list[Road]:
+    """The main road, `length` m long, and its side roads; the last of them at `crossing` m, where the sensor
+    leaves the main road and goes at most `beyond` m further."""
+    roads = [main_road(rng, style, length)]
+    s = rng.uniform(0.2, 1.0) * style.crossings[1]
+    while s < length - 20:
+        if crossing is None or abs(s - crossing) > 30:
+            roads.append(side_road(rng, style, roads[0], s))
+        s += rng.uniform(*style.crossings)
+    if crossing is not None:
+        roads.append(side_road(rng, style, roads[0], crossing, 100 + int(beyond)))
+    return roads
+
+
 def turning_path(first: np.ndarray, second: np.ndarray, sharp: float) -> np.ndarray:
-    """Join two lines (n, 2) with a smooth curve where they come nearest; it leaves `sharp` m before that point."""
+    """Join two lines (n, 2) by a smooth curve where they come nearest; it leaves `sharp` m before that point."""
     gap = ((first[:, None] - second[None]) ** 2).sum(2)
     i, j = np.unravel_index(gap.argmin(), gap.shape)
     i, j = max(int(i) - int(sharp), 1), min(int(j) + int(sharp), len(second) - 2)
@@ -139,10 +117,15 @@ def turning_path(first: np.ndarray, second: np.ndarray, sharp: float) -> np.ndar
     ta, tb = first[i] - first[i - 1], second[j + 1] - second[j]
     ta, tb = ta / (np.linalg.norm(ta) + 1e-9) * reach, tb / (np.linalg.norm(tb) + 1e-9) * reach
     u = np.linspace(0, 1, 2 * int(sharp) + 3)[1:-1, None]
-    curve = (
-        (2 * u**3 - 3 * u**2 + 1) * a
-        + (u**3 - 2 * u**2 + u) * ta
-        + (3 * u**2 - 2 * u**3) * b
-        + (u**3 - u**2) * tb
-    )
-    return np.concatenate([first[: i + 1], curve, second[j:]])
+    curve = (2 * u**3 - 3 * u**2 + 1) * a + (u**3 - 2 * u**2 + u) * ta + (3 * u**2 - 2 * u**3) * b + (u**3 - u**2) * tb
+    return _rounded(np.concatenate([first[: i + 1], curve, second[j:]]))
+
+
+def _rounded(line: np.ndarray, spacing: float = 1.0, passes: int = 12) -> np.ndarray:
+    """The line with points `spacing` m apart and its kinks spread over some metres, as a car would drive it."""
+    walked = np.concatenate([[0.0], np.hypot(*np.diff(line, axis=0).T).cumsum()])
+    at = np.linspace(0.0, walked[-1], int(walked[-1] / spacing) + 2)
+    even = np.stack([np.interp(at, walked, line[:, k]) for k in range(2)], 1)
+    for _ in range(passes):
+        even[1:-1] = 0.25 * even[:-2] + 0.5 * even[1:-1] + 0.25 * even[2:]
+    return even

@@ -1,4 +1,4 @@
-"""Spinning LiDAR sensors as the simulator knows them: beam pattern, timing, noise. Angles in degrees, lengths in m."""
+"""Spinning LiDAR sensors: beam pattern, timing, noise. Angles in degrees, lengths in m."""
 
 from dataclasses import dataclass
 
@@ -27,16 +27,12 @@ class SensorProfile:
 
     def __post_init__(self) -> None:
         if len(self.elevations) < 2 or list(self.elevations) != sorted(set(self.elevations), reverse=True):
-            raise SettingError(
-                f"sensor {self.name!r}: elevations must fall from the highest beam to the lowest"
-            )
+            raise SettingError(f"sensor {self.name!r}: elevations must fall from the highest beam to the lowest")
         if not (self.azimuth_steps > 0 and self.rate > 0 and 0 <= self.min_range < self.max_range):
             raise SettingError(f"sensor {self.name!r}: azimuth steps, rate and range limits must be positive")
 
         if self.beams % len(self.lifts):
-            raise SettingError(
-                f"sensor {self.name!r}: its {self.beams} beams are no {len(self.lifts)} equal blocks"
-            )
+            raise SettingError(f"sensor {self.name!r}: its {self.beams} beams are no {len(self.lifts)} equal blocks")
 
     @property
     def beams(self) -> int:
@@ -49,8 +45,8 @@ def _even(top: float, bottom: float, count: int) -> tuple[float, ...]:
 
 
 def _hdl64e() -> tuple[float, ...]:
-    """Two blocks of 32 lasers, about 1/3 degree apart above and 1/2 degree below, as calibrated units have them:
-    alignment leaves each laser some hundredths of a degree beside its place."""
+    """Two blocks of 32 lasers, about 1/3 degree apart above and 1/2 degree below, as calibrated units have
+    them: alignment leaves each laser some hundredths of a degree beside its place."""
     wobble = (4, -5, 6, -3, 2, -6, 5, -2, 3, -4, 1, 5, -3, 6, -5, 2)  # hundredths of a degree
     upper = [1.95 - i * 10.65 / 31 for i in range(32)]
     lower = [-9.05 - i * 15.95 / 31 for i in range(32)]
@@ -62,9 +58,7 @@ PROFILES: dict[str, SensorProfile] = {
     for profile in (
         SensorProfile("hdl64e", _hdl64e(), 2156, encoder_steps=4000, lifts=(0.204, 0.121), self_hidden=True),
         SensorProfile("hdl32e", _even(10.67, -30.67, 32), 2170, range_noise=0.02, max_range=70.0),
-        SensorProfile(
-            "vlp16", _even(15.0, -15.0, 16), 1800, range_noise=0.02, max_range=100.0, sensitivity=4e-6
-        ),
+        SensorProfile("vlp16", _even(15.0, -15.0, 16), 1800, range_noise=0.02, max_range=100.0, sensitivity=4e-6),
         SensorProfile("os1-32", _even(21.2, -21.2, 32), 1024, range_noise=0.015, max_range=90.0),
         SensorProfile("os1-64", _even(16.6, -16.6, 64), 1024, range_noise=0.015, max_range=90.0),
         SensorProfile("os1-128", _even(21.2, -21.2, 128), 1024, range_noise=0.015, max_range=90.0),

@@ -1,6 +1,7 @@
-"""What a caller may fix about a simulated sequence; everything left at None or "random" is drawn per sequence."""
+"""What a caller may fix about a simulated sequence; what is left at None or "random" is drawn."""
 
 from dataclasses import dataclass
+from random import Random
 
 from runtime.errors import SettingError
 
@@ -16,9 +17,7 @@ class SimulationSettings:
     street: str = "random"  # one of STREETS
     ego: str = "random"  # one of EGO_MOTIONS
     movers: float | None = None  # traffic density: 0 none, 1 usual, 2 dense
-    scan_motion: str = (
-        "random"  # "off": as if frozen in time; "on": raw sweep; "compensated": with a small error
-    )
+    scan_motion: str = "random"  # "off": as if frozen in time; "on": raw sweep; "compensated": with a small error
     pose_noise: float | None = None  # odometry error: 0 none, 1 usual (1.5 cm, 0.06 degrees a frame)
     sensor_variation: bool = True  # mount, beam pattern, noise and self-occlusion vary by sequence
     imperfections: bool = True  # dropouts, mixed pixels, range noise, stray points
@@ -34,3 +33,30 @@ class SimulationSettings:
             value = getattr(self, name)
             if value is not None and not 0 <= value <= 10:
                 raise SettingError(f"simulation {name} must be None or within 0..10, not {value!r}")
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What was drawn, or fixed, for one sequence."""
+
+    street: str
+    ego: str
+    scan_motion: str
+    density: float  # of the traffic, 1 is usual
+    pose_noise: float  # strength of the odometry's error, 1 is usual
+
+
+def draw_conditions(rng: Random, settings: SimulationSettings) -> Conditions:
+    """Draw what `settings` leaves open. All is drawn, used or not: fixing one thing leaves the rest alike."""
+    street = rng.choices(STREETS, (34, 30, 10, 14, 12))[0]
+    ego = rng.choices(EGO_MOTIONS, (22, 13, 35, 8, 9, 13))[0]
+    motion = rng.choices(SCAN_MOTIONS, (15, 40, 45))[0]
+    density = 0.0 if rng.random() < 0.1 else rng.choice((0.35, 0.7, 1.0, 1.0, 1.6, 2.5))
+    noise = 0.0 if rng.random() < 0.08 else min(max(rng.lognormvariate(-0.3, 0.6), 0.15), 3.0)
+    return Conditions(
+        street=street if settings.street == "random" else settings.street,
+        ego=ego if settings.ego == "random" else settings.ego,
+        scan_motion=motion if settings.scan_motion == "random" else settings.scan_motion,
+        density=density if settings.movers is None else float(settings.movers),
+        pose_noise=noise if settings.pose_noise is None else float(settings.pose_noise),
+    )

@@ -1,4 +1,4 @@
-"""What moves, or could: vehicles in lanes and queues, cyclists, people on foot. Each gets a track over all frames."""
+"""What moves, or could: vehicles in lanes and queues, cyclists, people on foot; each has its track."""
 
 import math
 from collections.abc import Callable
@@ -7,7 +7,8 @@ from random import Random
 
 import numpy as np
 
-from mos_model.simulator import shapes
+from mos_model.simulator import people, shapes, vehicles
+from mos_model.simulator.drive import Drive
 from mos_model.simulator.motion import Path, Speed, draw_speed
 from mos_model.simulator.roads import turning_path
 from mos_model.simulator.world import World
@@ -26,11 +27,11 @@ CAR, TRUCK, BUS, CYCLIST, MOTORCYCLE, PERSON = (
     (30, 254),
 )
 VEHICLES: tuple[tuple[Draw, tuple[int, int], float], ...] = (
-    (shapes.car, CAR, 70),
-    (shapes.van, CAR, 12),
-    (shapes.truck, TRUCK, 8),
-    (shapes.bus, BUS, 4),
-    (lambda rng: shapes.motorcycle(rng, True), MOTORCYCLE, 5),
+    (vehicles.car, CAR, 70),
+    (vehicles.van, CAR, 12),
+    (vehicles.truck, TRUCK, 8),
+    (vehicles.bus, BUS, 4),
+    (lambda rng: vehicles.motorcycle(rng, True), MOTORCYCLE, 5),
 )
 
 
@@ -48,20 +49,11 @@ class Track:
 class Traffic:
     """Draws the tracks of one sequence."""
 
-    def __init__(
-        self,
-        rng: Random,
-        world: World,
-        ego: np.ndarray,
-        ego_speed: Speed,
-        ego_path: Path,
-        times: np.ndarray,
-        density: float,
-    ) -> None:
-        """`ego` (frames, 3): x, y, yaw of the sensor's vehicle, which drove `ego_path`; `density` 1 is usual traffic."""
-        self.rng, self.world, self.times, self.density = rng, world, times, density
-        self.duration = float(times[-1])
-        self.ego, self.ego_speed, self.ego_path = ego, ego_speed, ego_path
+    def __init__(self, rng: Random, world: World, drive: Drive, density: float) -> None:
+        """`density` 1 is usual traffic, 0 none; nothing drives into the sensor's vehicle on its `drive`."""
+        self.rng, self.world, self.drive, self.density = rng, world, drive, density
+        self.times, self.duration = drive.times, float(drive.times[-1])
+        self.ego = drive.places(self.times)  # (frames, 3) x, y, yaw
         self.tracks: list[Track] = []
         if density > 0:
             self._follow_ego()
@@ -70,9 +62,7 @@ class Traffic:
             self._fill_lanes()
             self._keep_apart()
 
-    def _add(
-        self, draw: Draw, labels, path: Path, start: float, speed: Speed, backwards: bool = False
-    ) -> None:
+    def _add(self, draw: Draw, labels, path: Path, start: float, speed: Speed, backwards: bool = False) -> None:
         walked, pace = speed.at(self.times)
         states = np.column_stack([path.at(start + walked), pace, walked])
         if backwards:
@@ -92,21 +82,13 @@ class Traffic:
         for sign in (1, -1):
             gap = 0.0
             while rng.random() < min(0.55 * self.density, 0.85):
-                gap += rng.uniform(7, 14) + rng.expovariate(1 / (4 + 1.2 * self.ego_speed.speed.max()))
+                gap += rng.uniform(7, 14) + rng.expovariate(1 / (4 + 1.2 * self.drive.speed.speed.max()))
                 if gap > 75:
                     break
-                pace = np.maximum(self.ego_speed.speed + rng.gauss(0, 0.15) * (self.ego_speed.speed > 0.5), 0)
+                pace = np.maximum(self.drive.speed.speed + rng.gauss(0, 0.15) * (self.drive.speed.speed > 0.5), 0)
                 lag = rng.uniform(0.2, 1.0) * sign
-                speed = Speed(self.duration, pace, self.ego_speed.times - lag)
-                self._add(*self._vehicle(), self.ego_path, self.ego_start + sign * gap, speed)
-
-    @property
-    def ego_start(self) -> float:
-        """Arc length of the sensor on its path at time 0."""
-        gap = np.hypot(
-            self.ego_path.points[:, 0] - self.ego[0, 0], self.ego_path.points[:, 1] - self.ego[0, 1]
-        )
-        return float(self.ego_path.s[gap.argmin()])
+                speed = Speed(self.duration, pace, self.drive.speed.times - lag)
+                self._add(*self._vehicle(), self.drive.path, self.drive.start + sign * gap, speed)
 
     def _fill_lanes(self) -> None:
         rng, style = self.rng, self.world.style
@@ -126,9 +108,7 @@ class Traffic:
         go = rng.uniform(-0.5, self.duration)
         while s < path.length + 20:
             if mode < 0.72:
-                kind = rng.choices(
-                    ("constant", "pull_away", "brake", "standing", "stop_and_go"), (80, 6, 6, 4, 4)
-                )[0]
+                kind = rng.choices(("constant", "pull_away", "brake", "standing", "stop_and_go"), (80, 6, 6, 4, 4))[0]
                 speed = draw_speed(rng, kind, fast * rng.uniform(0.85, 1.15), self.duration)
                 step = 8 + fast * rng.uniform(0.4, 1.0) + rng.expovariate(amount / 100)
             elif mode < 0.9:  # a queue that stands, or starts one after the other
@@ -184,13 +164,13 @@ class Traffic:
                     rng.uniform(0.7, 3),
                     self.duration,
                 )
-                self._add(shapes.car, CAR, Path(way), 0.0, speed, rng.random() < 0.5)
+                self._add(vehicles.car, CAR, Path(way), 0.0, speed, rng.random() < 0.5)
 
     def _ride(self) -> None:
         """A cyclist in a lane, beside it or on the sidewalk, either way, mostly near the sensor."""
         rng, world = self.rng, self.world
         road = world.roads[0] if rng.random() < 0.7 else rng.choice(world.roads)
-        aside = rng.choice((road.half - road.parking - 0.5, road.half + 0.5 * world.walk, road.half + 1.5))
+        aside = rng.choice((road.half - road.parking - 0.5, road.half + 0.5 * world.terrain.walk, road.half + 1.5))
         forward = rng.random() < 0.5
         path = Path(road.line(-aside) if forward else road.line(aside, road.length, 0.0))
         middle = self.ego[len(self.ego) // 2]
@@ -198,7 +178,7 @@ class Traffic:
         fast = rng.uniform(2, 8)
         kind = rng.choices(("constant", "pull_away", "brake"), (80, 10, 10))[0]
         start = float(nearest) + rng.gauss(0, 25) - 0.5 * fast * self.duration
-        self._add(shapes.cyclist, CYCLIST, path, start, draw_speed(rng, kind, fast, self.duration))
+        self._add(vehicles.cyclist, CYCLIST, path, start, draw_speed(rng, kind, fast, self.duration))
 
     def _walk(self) -> None:
         """One person, or a few together, along the street, across it or anywhere."""
@@ -211,11 +191,11 @@ class Traffic:
             )
             x, y = centre[0] + away * math.cos(angle), centre[1] + away * math.sin(angle)
             yaw = rng.uniform(-math.pi, math.pi)
-            if abs(world.edge_at(x, y)) > 6 and rng.random() < 0.4:
+            if abs(world.terrain.edge_at(x, y)) > 6 and rng.random() < 0.4:
                 return
         else:
             road = rng.choice((world.roads[0], rng.choice(world.roads)))
-            aside = rng.choice((-1, 1)) * (road.half + rng.uniform(0.4, world.walk + 1.0))
+            aside = rng.choice((-1, 1)) * (road.half + rng.uniform(0.4, world.terrain.walk + 1.0))
             x, y, yaw = road.at(rng.uniform(0, 1) * road.length, aside)
             yaw += rng.choice((0, math.pi)) + rng.gauss(0, 0.05)
             if rng.random() < 0.3:
@@ -233,14 +213,12 @@ class Traffic:
             path = Path(middle + np.array((shift[0] * c - shift[1] * s, shift[0] * s + shift[1] * c)))
             spots = path.at(np.linspace(1.0, along - 2.0, 7))
             if all(world.is_free(px, py, 0.0, -0.2, 0.2, 0.2) for px, py, _ in spots.tolist()):
-                self._add(lambda r: shapes.person(r, True), PERSON, path, 2.0, speed)
+                self._add(lambda r: people.person(r, True), PERSON, path, 2.0, speed)
 
     def _keep_apart(self) -> None:
         """Leave out what would drive into the sensor's vehicle or into what was drawn earlier."""
         kept: list[Track] = []
-        ego = Track(
-            np.empty((0, 0)), CAR, 4.8, 2.0, np.column_stack([self.ego, np.zeros((len(self.ego), 2))])
-        )
+        ego = Track(np.empty((0, 0)), CAR, 4.8, 2.0, np.column_stack([self.ego, np.zeros((len(self.ego), 2))]))
         for track in self.tracks:
             if len(kept) < MOST and not any(_touch(track, other) for other in [ego, *kept]):
                 kept.append(track)

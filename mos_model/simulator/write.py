@@ -42,10 +42,10 @@ def write_dataset(
 ) -> WrittenDataset:
     """Write `sequences` simulated drives of `frames` scans each to the new folder `out`, whole or not at all.
 
-    Layout: sequences/NN/{velodyne/*.bin, labels/*.label, poses.txt, calib.txt, times.txt}; poses are those of the
-    simulated odometry, in the camera's frame as KITTI has them. `progress(done, total)` is called after each scan;
-    `settings` are the fields of `SimulationSettings`. Raises SettingError for settings that cannot be, OutputError
-    where `out` holds something already or cannot be written.
+    Layout: sequences/NN/{velodyne/*.bin, labels/*.label, poses.txt, calib.txt, times.txt}; poses are those of
+    the simulated odometry, in the camera's frame as KITTI has them. `progress(done, total)` is called after
+    each scan; `settings` are the fields of `SimulationSettings`. Raises SettingError for settings that cannot
+    be, OutputError where `out` holds something already or cannot be written.
     """
     if not isinstance(sequences, int) or not 1 <= sequences <= 1000:
         raise SettingError(f"sequences must be a whole number within 1..1000, not {sequences!r}")
@@ -98,7 +98,8 @@ def simulate_command(
     """`mos simulate`: write the data set and say in one line what it is."""
     done = write_dataset(out, sequences, frames, seed, sensor, progress, **settings)
     return (
-        f"{done.path}: {done.scans} scans in {done.sequences} sequences, {done.points / done.scans:,.0f} points a scan, "
+        f"{done.path}: {done.scans} scans in {done.sequences} sequences, "
+        f"{done.points / done.scans:,.0f} points a scan, "
         f"{100 * done.moving_points / max(done.points, 1):.2f} % of them moving"
     )
 

@@ -11,7 +11,7 @@ from export.reader import read_tensors
 from mos_model import checkpoint
 from mos_model.config import named_config
 from mos_model.network import UNUSED_PREFIXES, build_image_network, build_point_head
-from runtime.errors import CheckpointError
+from runtime.errors import CheckpointError, SettingError
 from runtime.head_config import FULL, LITE, PointHeadConfig
 from runtime.sensor import Residual
 from tests.mos_model.published import layout
@@ -99,6 +99,17 @@ def test_stage_2_of_published_shapes(tmp_path, name, head, keys):
     assert_loaded(read.point_head, refine)
 
 
+@pytest.mark.parametrize("name", ["v2", "v2-lite"])
+@pytest.mark.parametrize("wrap", [lambda state: state, prefixed], ids=["plain", "module."])
+def test_stage_2_of_other_widths(tmp_path, name, wrap):
+    main, refine = small_state("v1"), small_head(name)
+    file = write(tmp_path / "file", {"main_state_dict": wrap(main), "refine_state_dict": wrap(refine)})
+    read = read_checkpoint(file)
+    assert read.config == named_config(name, 4, point_head=SMALL[name])
+    assert_loaded(read.point_head, refine)
+    assert not read.dropped
+
+
 @pytest.mark.parametrize("lags", [1, 4, 8])
 def test_lmnet_with_any_number_of_residual_images(tmp_path, lags):
     residual = Residual(lags=tuple(range(1, lags + 1)))
@@ -139,15 +150,24 @@ def test_the_pooling_is_what_the_caller_says(tmp_path, stored, asked, expected):
     assert read_checkpoint(file, asked).config == named_config(expected, 4)
 
 
+def test_a_point_head_comes_along_with_each_row(tmp_path):
+    content = {"main_state_dict": small_state("d"), "refine_state_dict": small_head("v2-lite")}
+    read = read_checkpoint(write(tmp_path / "file", content), "d")
+    assert read.config == named_config("d", 4, point_head=SMALL["v2-lite"])
+    assert read.point_head is not None
+    assert read_checkpoint(tmp_path / "file", "v2-lite").config.name == "v2-lite"
+
+
 @pytest.mark.parametrize(
     ("stored", "asked", "message"),
     [
-        ("b", None, "--network b or"),
-        ("c", None, "--network b or"),
-        ("b", "v1", "those of b or c, not of '?v1"),
-        ("v1", "b", "not of '?b"),
-        ("v1", "lmnet", "not of '?lmnet"),
-        ("lmnet", "c", "those of lmnet, not of '?c"),
+        ("b", None, "--network b or c"),
+        ("c", None, "--network b or c"),
+        ("b", "v1", "those of b or c, not of v1"),
+        ("v1", "b", "not of b"),
+        ("v1", "lmnet", "not of lmnet"),
+        ("lmnet", "c", "those of lmnet, not of c"),
+        ("v1", "v2", "it is v1, not v2"),
     ],
 )
 def test_another_network_than_the_file_holds_is_an_error(tmp_path, stored, asked, message):
@@ -156,19 +176,62 @@ def test_another_network_than_the_file_holds_is_an_error(tmp_path, stored, asked
         read_checkpoint(file, asked)
 
 
+def test_the_wrong_head_and_an_unknown_network_are_errors(tmp_path):
+    content = {"main_state_dict": small_state("v1"), "refine_state_dict": small_head("v2")}
+    file = write(tmp_path / "file", content)
+    with pytest.raises(CheckpointError, match="it is v2, not v2-lite"):
+        read_checkpoint(file, "v2-lite")
+    with pytest.raises(SettingError, match="v2-lite, not 'v3'"):
+        read_checkpoint(file, "v3")
+
+
 def test_every_missing_extra_and_misshapen_key_is_named(tmp_path):
     state = small_state("v1")
-    del state["resBlock2.bn1.bias"]
+    del state["downCntx.conv1.weight"], state["resBlock2.bn1.bias"]
     state["resBlock3.conv9.weight"] = torch.ones(1)
     state["logits3.bias"] = torch.ones(20)
+    # What tells the width is missing: the published width stands in, and all is named against it.
     with pytest.raises(CheckpointError) as caught:
         read_checkpoint(write(tmp_path / "file", {"state_dict": state}))
+    message = str(caught.value)
     for part in (
+        "downCntx.conv1.weight is missing",
         "resBlock2.bn1.bias is missing",
         "resBlock3.conv9.weight is not part",
         "logits3.bias is (20,) instead of (3,)",
     ):
-        assert part in str(caught.value)
+        assert part in message
+
+
+def test_every_wrong_key_of_the_point_head_is_named(tmp_path):
+    head = small_head("v2")
+    head["stage4.2.net.3.kernel"] = argparse.Namespace()
+    head["classifier.0.bias"] = torch.ones(4)
+    content = {"main_state_dict": small_state("v1"), "refine_state_dict": head}
+    with pytest.raises(CheckpointError, match="point head") as caught:
+        read_checkpoint(write(tmp_path / "file", content))
+    assert "stage4.2.net.3.kernel is no tensor" in str(caught.value)
+    assert "classifier.0.bias is (4,) instead of (3,)" in str(caught.value)
+
+
+def test_other_heads_and_networks_are_named(tmp_path):
+    three = {key: value for key, value in small_head("v2").items() if not key.startswith("stage4")}
+    content = {"main_state_dict": small_state("v1"), "refine_state_dict": three}
+    with pytest.raises(CheckpointError, match="3 stages"):
+        read_checkpoint(write(tmp_path / "file", content))
+    with pytest.raises(CheckpointError, match="refine_state_dict should be a mapping"):
+        read_checkpoint(write(tmp_path / "file", {"main_state_dict": small_state("v1")}))
+    with pytest.raises(CheckpointError, match=r"no network of this family.*fc\.weight"):
+        read_checkpoint(write(tmp_path / "file", {"state_dict": {"fc.weight": torch.ones(2)}}))
+    with pytest.raises(CheckpointError, match=r"no known kind of checkpoint.*found model, epoch"):
+        read_checkpoint(write(tmp_path / "file", {"model": {}, "epoch": 1}))
+    with pytest.raises(CheckpointError, match=r"no known kind of checkpoint.*found nothing"):
+        read_checkpoint(write(tmp_path / "file", {}))
+    with pytest.raises(CheckpointError, match="should be a mapping"):
+        read_checkpoint(write(tmp_path / "file", {"state_dict": {0: torch.ones(1)}}))
+    odd = small_state("v1") | {"downCntx.conv1.weight": torch.ones(3, 5, 1, 1)}
+    with pytest.raises(CheckpointError, match="even"):
+        read_checkpoint(write(tmp_path / "file", {"state_dict": odd}))
 
 
 def test_weights_that_are_not_finite_are_an_error(tmp_path):

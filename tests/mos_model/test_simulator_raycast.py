@@ -4,7 +4,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from mos_model.simulator import ground, rays, raycast, shapes
+from mos_model.simulator import ground, people, placing, raycast, rays, shapes
 from tests.reference_simulator import first_hits
 
 COLUMNS, BEAMS = 160, 10
@@ -31,7 +31,8 @@ def cast(prims, velocity, moves, world, slope, origin, level, phase, drop, tange
     boxes = raycast.bounds(prims)
     order = raycast.sort_near(prims, boxes, moves[1, 0], moves[1, 1], 100.0)
     raycast.cast_primitives(
-        prims, boxes, order, velocity, world, slope, origin, level, phase, drop, tangents, moves, 0.1, 5, depth, hit, cosine
+        prims, boxes, order, velocity, world, slope, origin, level, phase, drop, tangents, moves, 0.1, 5, depth, hit,
+        cosine,
     )  # fmt: skip
     return depth, hit, cosine
 
@@ -46,25 +47,23 @@ def scene(seed):
             (3 + away * math.cos(angle), 4 + away * math.sin(angle), rng.uniform(-0.5, 1.5)),
             rng.uniform(0, 6.28),
         )
-        make = (
-            lambda: shapes.frustum(0, 1.5, -1.5, 1.4, -0.8, 0.9, 0.8, 0.4, at=at, yaw=yaw),
-            lambda: shapes.ellipsoid((0.2, 0.1, 0.5), (1.2, 0.5, 0.8), at=at, yaw=yaw),
-            lambda: shapes.capsule((0, 0, 0), (0.6, 0.4, 2.0), 0.3, at=at, yaw=yaw),
-        )
-        row = make[k % 3]()
+        place = {"at": at, "yaw": yaw}
+        row = (
+            shapes.frustum(0, 1.5, -1.5, 1.4, -0.8, 0.9, 0.8, 0.4, **place),
+            shapes.ellipsoid((0.2, 0.1, 0.5), (1.2, 0.5, 0.8), **place),
+            shapes.capsule((0, 0, 0), (0.6, 0.4, 2.0), 0.3, **place),
+        )[k % 3]
         row[15] = k
         rows.append(row)
     return shapes.array(rows)
 
 
-@pytest.mark.parametrize(
-    ("seed", "speed", "turn", "tilt"), [(0, 0, 0, 0), (1, 2.0, 0, 0.03), (2, 1.0, 0.08, -0.05)]
-)
+@pytest.mark.parametrize(("seed", "speed", "turn", "tilt"), [(0, 0, 0, 0), (1, 2.0, 0, 0.03), (2, 1.0, 0.08, -0.05)])
 def test_hits_are_those_of_a_march_along_every_ray(seed, speed, turn, tilt):
     prims, moves = scene(seed), states(speed, turn, tilt)
     rig = sweep(moves, drop=-0.1)
     depth, hit, _ = cast(prims, np.zeros((len(prims), 2)), moves, *rig)
-    origins = np.repeat(rig[2][:, None], BEAMS, 1) + (0, 0, 0.1)
+    origins = np.repeat(rig[2][:, None], BEAMS, 1) + np.array((0, 0, 0.1))
     expected = first_hits(prims, origins.reshape(-1, 3), rig[0].reshape(-1, 3).astype(float), 16.0)
     expected = expected.reshape(depth.shape)
     missed = np.isinf(depth) != np.isinf(expected)
@@ -108,8 +107,8 @@ def test_ground_is_where_a_plane_says():
     depth, hit = np.empty((COLUMNS, BEAMS), np.float32), np.empty((COLUMNS, BEAMS), np.int32)
     radii = 1.6 * 1.035 ** np.arange(95)
     ground.cast_ground(
-        world, slope, origin, level, drop, height, surface, -60.0, -60.0, 0.25, float(height.max()), radii, np.zeros(5), 3,
-        depth, hit,
+        world, slope, origin, level, drop, height, surface, -60.0, -60.0, 0.25, float(height.max()), radii, np.zeros(5),
+        3, depth, hit,
     )  # fmt: skip
     normal = np.array((-0.03, 0.02, 1.0))
     expected = ((0.1 - origin @ normal)[:, None] / (world.astype(float) @ normal)).astype(np.float32)
@@ -121,10 +120,10 @@ def test_ground_is_where_a_plane_says():
 
 
 def test_limbs_swing_as_the_person_walks():
-    person = shapes.array(shapes.person(Random(1), True)[0])
+    person = shapes.array(people.person(Random(1), True)[0])
     out = np.empty((2, *person.shape))
     for k, walked in enumerate((0.2, 0.6)):
-        raycast.place(person, np.array((1.0, 2.0, 0.0, 0.5)), walked, out[k], 0)
+        placing.place(person, np.array((1.0, 2.0, 0.0, 0.5)), walked, out[k], 0)
     limbs = person[:, 19] != 0
     assert limbs.sum() == 4
     assert (np.abs(out[0, limbs, 9] - out[1, limbs, 9]) > 0.01).all()

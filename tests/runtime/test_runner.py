@@ -362,3 +362,21 @@ def test_read_only_installation(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("no folder for compiled kernels is writable") == 1
+
+
+@pytest.mark.parametrize("refine", ["near", "all"])
+def test_equal_to_pytorch_from_scan_to_points(refine):
+    """Committed scans, through everything, against what the PyTorch network gave for the naive input."""
+    from runtime.sequence import open_sequence
+
+    runner = MosRunner(TINY, threads=2, postprocess="head", refine=refine)
+    sequence = open_sequence(TINY.parent / "scans/sequences/00")
+    for i in range(len(sequence)):
+        scan, pose = sequence.read(i)
+        result = runner(scan, pose)
+    want = np.load(TINY.parent / "expected.npy")
+    assert result.ready
+    assert (scan[want.sum(1) == 0, :3] == 0).all()  # the one point at the origin
+    off = np.abs(result.probability - want[:, 2]) > 1e-4
+    assert off.mean() < 1e-3  # a point on the edge of a cell may lie in the next one
+    assert np.array_equal(result.moving[~off], want[~off].argmax(1) == 2)

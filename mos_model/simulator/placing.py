@@ -1,0 +1,45 @@
+"""Kernels that put shapes into the world and keep its floor plan. One file, self-contained."""
+
+import numpy as np
+
+from runtime.jit import kernel
+
+
+@kernel
+def place(templates, pose, walked, out, first):
+    """Write `templates` (n, COLUMNS), see `raycast`, into `out` from row `first`, moved by `pose` (x, y, z,
+    yaw), with limbs swung after `walked` metres."""
+    c, s = np.cos(pose[3]), np.sin(pose[3])
+    for k in range(len(templates)):
+        row, t = out[first + k], templates[k]
+        row[:] = t
+        row[1] = pose[0] + c * t[1] - s * t[2]
+        row[2] = pose[1] + s * t[1] + c * t[2]
+        row[3] = pose[2] + t[3]
+        row[4] = c * t[4] - s * t[5]
+        row[5] = s * t[4] + c * t[5]
+        if t[19] != 0.0:  # the second end of a rod swings about the first, in the x-z plane
+            angle = t[19] * np.sin(2.0 * np.pi * walked / t[20] + t[21])
+            dx, dz = t[9] - t[6], t[11] - t[8]
+            row[9] = t[6] + np.cos(angle) * dx - np.sin(angle) * dz
+            row[11] = t[8] + np.sin(angle) * dx + np.cos(angle) * dz
+
+
+@kernel
+def claim(taken, x0, y0, cell, x, y, yaw, rear, front, half, mark):
+    """Whether the rectangle at (x, y, yaw), `rear` to `front` m along and `half` m to both sides, is free in
+    the grid `taken` (rows, columns) bool with its corner at (x0, y0); if so and `mark`, take it."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    na, nb = int((front - rear) / cell) + 1, int(2.0 * half / cell) + 1
+    for turn in range(2 if mark else 1):
+        for a in range(na + 1):
+            for b in range(nb + 1):
+                lx, ly = rear + (front - rear) * a / na, -half + 2.0 * half * b / nb
+                j, i = int((x + c * lx - s * ly - x0) / cell), int((y + s * lx + c * ly - y0) / cell)
+                if i < 0 or j < 0 or i >= taken.shape[0] or j >= taken.shape[1]:
+                    return False
+                if turn == 0 and taken[i, j]:
+                    return False
+                if turn == 1:
+                    taken[i, j] = True
+    return True

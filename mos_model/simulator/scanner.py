@@ -1,0 +1,72 @@
+"""One sweep of the sensor through a scene."""
+
+import numpy as np
+
+from mos_model.simulator import ground, raycast, rays, returns
+from mos_model.simulator.rig import Rig
+from mos_model.simulator.scene import Scene
+
+SURFACE_LABELS = np.array((40, 60, 48, 72, 49), np.uint32)  # of ROAD, MARKING, SIDEWALK, TERRAIN, PAVED
+# Share of returns lost, by material: MATT, FACADE, BARS, MESH, FOLIAGE, PAINT, CABIN, CLOTH, METAL.
+MATERIAL_LOSS = np.array((0.0, 0.01, 0.04, 0.08, 0.03, 0.03, 0.03, 0.01, 0.01))
+RADII = 1.6 * 1.035 ** np.arange(125)  # m, where the ground is looked up along a column
+
+
+class Scanner:
+    """A rig with the buffers of its sweeps."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        columns, beams = rig.profile.azimuth_steps, rig.profile.beams
+        self._tangents = np.tan(rig.elevation)
+        self._rays = np.empty((columns, beams, 3), np.float32)
+        self._slope, self._depth, self._cosine = (np.empty((columns, beams), np.float32) for _ in range(3))
+        self._hit = np.empty((columns, beams), np.int32)
+        self._origin, self._level, self._phase = (
+            np.empty((columns, 3)),
+            np.empty((columns, 3)),
+            np.empty(columns),
+        )
+        self._radii = RADII[: np.searchsorted(RADII, rig.profile.max_range) + 1]
+
+    def scan(
+        self,
+        scene: Scene,
+        states: np.ndarray,
+        guess: np.ndarray | None,
+        duration: float,
+        imperfect: bool,
+        seed: list[int],
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Points (n, 4) float32 and labels (n,) uint32 of one sweep of `duration` s.
+
+        `states` (3, 6): the sensor at its start, middle and end. With `guess`, states that the sensor is
+        believed to have had, points are brought to the middle of the sweep; without, they stay as recorded.
+        """
+        rig, profile, terrain = self.rig, self.rig.profile, scene.world.terrain
+        shot = self._origin, self._level
+        azimuth = rays.firing_ticks(profile.azimuth_steps, profile.encoder_steps, seed[0] % 1000 / 1000.0)
+        local = rays.local_rays(azimuth, rig.elevation, rig.offset)
+        rays.world_rays(local, azimuth, states, self._rays, self._slope, *shot, self._phase)
+        ground.cast_ground(
+            self._rays, self._slope, *shot, rig.drop, terrain.height, terrain.surface, terrain.x0, terrain.y0,
+            terrain.cell, terrain.highest, self._radii, rig.rough, seed[1], self._depth, self._hit,
+        )  # fmt: skip
+        x, y = states[1, :2]
+        order = raycast.sort_near(scene.prims, scene.boxes, x, y, profile.max_range + 2.0)
+        raycast.cast_primitives(
+            scene.prims, scene.boxes, order, scene.velocity, self._rays, self._slope, *shot, self._phase, rig.drop,
+            self._tangents, states, duration, seed[2], self._depth, self._hit, self._cosine,
+        )  # fmt: skip
+        return returns.report(
+            self._depth, self._hit, self._cosine, scene.prims, scene.labels, SURFACE_LABELS, rig.albedo, MATERIAL_LOSS,
+            local, self._rays, rig.drop, self._restoring(guess), rig.hidden, rig.bias,
+            np.array((profile.min_range, profile.max_range)), rig.noise, rig.sensitivity, rig.loss,
+            rig.stray if imperfect else 0.0, profile.remission_step, imperfect, seed[3],
+        )  # fmt: skip
+
+    def _restoring(self, guess: np.ndarray | None) -> np.ndarray:
+        """(columns, 3, 4) what takes a point measured at a column to the frame of the scan."""
+        if guess is None:
+            return np.tile(np.eye(4)[:3], (len(self._phase), 1, 1))
+        return rays.restoring(guess, self._phase)

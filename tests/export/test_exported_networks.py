@@ -1,0 +1,89 @@
+"""The published outputs through exported files: ONNX Runtime for the image networks, Numba for the point heads."""
+
+import numpy as np
+import onnxruntime as ort
+import pytest
+import torch
+
+from export.published import understand
+from export.to_onnx import onnx_bytes
+from export.write import rounded_to_half, write_point_head
+from mos_model.config import named_config
+from mos_model.network import build_image_network, build_point_head
+from runtime.bundle import Bundle
+from runtime.head_config import FULL, LITE
+from runtime.point_head import PointHeadEngine
+from runtime.workers import Workers
+from tests.mos_model.published import reference_output, reference_state
+
+TOLERANCE = 1e-5  # of a probability; the gate of the export is 1e-4
+SHAPE = (1, 13, 64, 256)
+
+
+def exported(network, image):
+    session = ort.InferenceSession(onnx_bytes(network, SHAPE), providers=["CPUExecutionProvider"])
+    return session.run(["probabilities", "features"], {"image": np.asarray(image)})
+
+
+def published_network(name, seed, tmp_path):
+    return understand({"state_dict": reference_state(name, seed)}, tmp_path / "checkpoint").image_net
+
+
+@pytest.mark.parametrize("name", ["image_net", "lmnet"])
+def test_published_image_networks(name, tmp_path):
+    image = reference_output("image_net_64x256")["input"]
+    want = reference_output(f"{name}_64x256")
+    probabilities, features = exported(published_network(name, 2026, tmp_path), image)
+    np.testing.assert_allclose(probabilities, want["probabilities"], atol=TOLERANCE, rtol=0)
+    if "features" in want:
+        scale = want["features"].abs().max()
+        np.testing.assert_allclose(features, want["features"], atol=TOLERANCE * scale, rtol=0)
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_another_seed_and_rounded_weights(half, tmp_path):
+    image = reference_output("image_net_64x256")["input"].flip(3)
+    network = published_network("image_net", 7, tmp_path)
+    if half:
+        rounded_to_half(network, "test")
+    with torch.inference_mode():
+        want = network(image).logits.softmax(1)
+    np.testing.assert_allclose(exported(network, image)[0], want, atol=TOLERANCE, rtol=0)
+
+
+@pytest.mark.parametrize(("kind", "config"), [("full", FULL), ("lite", LITE)])
+def test_published_point_heads(kind, config, tmp_path):
+    reference = reference_output(f"point_head_{kind}")
+    head = build_point_head(named_config("v2", point_head=config))
+    head.load_state_dict(reference_state(f"point_head_{kind}"))
+    write_point_head(tmp_path / "point_head.npz", head.eval(), config, half=False)
+    got = refined(tmp_path, config, reference["xyz"].numpy(), reference["point_features"].numpy())
+    np.testing.assert_allclose(got, reference["probabilities"], atol=TOLERANCE, rtol=0)
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_a_point_head_of_another_seed_and_rounded_weights(half, tmp_path):
+    reference = reference_output("point_head_lite")
+    xyz, features = reference["xyz"][:2000] + 1, reference["point_features"][:2000]
+    head = build_point_head(named_config("v2-lite"))
+    head.load_state_dict(reference_state("point_head_lite", 7))
+    head.eval()
+    if half:
+        rounded_to_half(head, "test")
+    write_point_head(tmp_path / "point_head.npz", head, LITE, half)
+    with torch.inference_mode():
+        want = head(head.grid(xyz), features).softmax(1)
+    got = refined(tmp_path, LITE, xyz.numpy(), features.numpy())
+    np.testing.assert_allclose(got, want, atol=TOLERANCE, rtol=0)
+
+
+def refined(folder, config, xyz, features):
+    """Probabilities by the runtime's engine, from the written file."""
+    engine = PointHeadEngine(Bundle(folder, None).point_head(), config, Workers(2))
+    return engine.refine(xyz, np.ones(len(xyz), np.bool_), features)
+
+
+def test_the_same_network_gives_the_same_bytes():
+    torch.manual_seed(0)
+    network = build_image_network(named_config("v1", 4)).eval()
+    assert onnx_bytes(network, (1, 13, 32, 64)) == onnx_bytes(network, (1, 13, 32, 64))
