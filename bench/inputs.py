@@ -65,9 +65,10 @@ def bench(
     differs = (np.abs(image - numpy_input(points, past, relative, sensor, residual)) > 1e-3).any(0).mean()
     tasks = {f"{n} threads": (lambda b=b: b.build(points, past, relative)) for n, b in builders.items()}
     seconds = interleaved(tasks, rounds)
-    seconds |= interleaved({"NumPy": lambda: numpy_input(points, past, relative, sensor, residual)}, max(3, rounds // 10))
+    plain = {"NumPy": lambda: numpy_input(points, past, relative, sensor, residual)}
+    seconds |= interleaved(plain, max(3, rounds // 10))
     rows = {name: summary(values) for name, values in seconds.items()}
-    show(f"network input of {len(points)} points and {len(past)} past scans, ms; {differs:.1e} of the pixels differ", rows)
+    show(f"input of {len(points)} points and {len(past)} past scans, ms; {differs:.1e} of the pixels differ", rows)
     save(out, threads, {"points": len(points), "pixels_differing_from_numpy": float(differs), "ms": rows})
 
 

@@ -72,7 +72,8 @@ def show(title: str, rows: Mapping[str, Mapping[str, Any]]) -> None:
     for column in columns:
         table.add_column(column, justify="right")
     for name, row in rows.items():
-        table.add_row(name, *(f"{row[c]:.2f}" if isinstance(row.get(c), float) else str(row.get(c, "")) for c in columns))
+        values = (row.get(column, "") for column in columns)
+        table.add_row(name, *(f"{value:.2f}" if isinstance(value, float) else str(value) for value in values))
     Console().print(table)
 
 

@@ -13,7 +13,8 @@ from bench.report import save, show, summary
 
 CHILD = """
 import json, os, resource, sys, time
-started = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + int(open("/proc/self/stat").read().rsplit(")", 1)[1].split()[19]) / os.sysconf("SC_CLK_TCK")
+ticks = int(open("/proc/self/stat").read().rsplit(")", 1)[1].split()[19])  # from boot to the start of this process
+started = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + ticks / os.sysconf("SC_CLK_TCK")
 from pathlib import Path
 import numpy as np
 from runtime import MosRunner
@@ -72,7 +73,8 @@ def bench(
     show(f"start to first result, {len(scan)} points, {threads} threads, ms", {str(bundle): summary(list(first))})
     typer.echo(f"peak resident memory: {max(peak):.0f} MB")
     sizes = dict(sorted(installed_sizes("lidar-mos", {}).items(), key=lambda item: -item[1]))
-    show("installed, MB", {name: {"MB": size} for name, size in sizes.items()} | {"together": {"MB": sum(sizes.values())}})
+    rows = {name: {"MB": round(size, 1)} for name, size in (sizes | {"together": sum(sizes.values())}).items()}
+    show("installed", rows)
     save(out, threads, {"first_result_ms": summary(list(first)), "peak_mb": max(peak), "installed_mb": sizes})
 
 

@@ -1,4 +1,4 @@
-"""From the checkpoint of a run to the one that ships: `python -m mos_model.publish RUN/best.pt models/NAME/checkpoint.pt`.
+"""From the checkpoint of a run to the one that ships: `python -m mos_model.publish RUN/best.pt OUT/checkpoint.pt`.
 
 Keeps the tensors in half precision and chooses, on simulated streets that neither training nor validation saw, the
 probability from which a pixel counts as moving. Their traffic is light, as on most streets; training streets have more

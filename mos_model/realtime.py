@@ -6,6 +6,8 @@ pooling; the first one halves the width, the last one restores it by a pixel shu
 concatenated; the channel gate is a sigmoid; residuals are clipped.
 """
 
+from itertools import pairwise
+
 import torch
 from torch import Tensor, nn
 
@@ -77,7 +79,7 @@ class RealtimeNet(nn.Module):
         self.range_stem = conv(5, first, (3, 5), (1, 2))
         self.range_refine = conv(first, first)
         self.motion_stem = conv(len(config.residual.lags), first, (3, 5), (1, 2))
-        pairs = list(zip(widths[:-1], widths[1:], strict=True))
+        pairs = list(pairwise(widths))
         self.range_down = nn.ModuleList(conv(i, o, 3, 2) for i, o in pairs)
         self.range_blocks = nn.ModuleList(Residual3x3(o) for _, o in pairs)
         self.motion_down = nn.ModuleList(conv(i, o, 3, 2) for i, o in pairs)

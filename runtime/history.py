@@ -64,7 +64,9 @@ class History:
             return f"the time steps by {time - self._time:.3f} s"
         return ""
 
-    def add(self, points: NDArray[np.float32], keep: NDArray[np.bool_], pose: NDArray[np.float64], time: float | None) -> None:
+    def add(
+        self, points: NDArray[np.float32], keep: NDArray[np.bool_], pose: NDArray[np.float64], time: float | None
+    ) -> None:
         """Remember the points (N, >=3) f32 where `keep` (N,), of the scan at `pose`; the oldest scan is forgotten."""
         slot = (self._newest + 1) % HISTORY
         count = int(np.count_nonzero(keep))

@@ -15,7 +15,7 @@ from runtime.workers import Workers
 
 @dataclass(frozen=True)
 class ImageInput:
-    """What `InputBuilder.build` returns. The image and range image are the builder's buffers: the next call reuses them."""
+    """What `InputBuilder.build` returns. `image`, `range_image` and `first` are buffers that the next call reuses."""
 
     image: NDArray[np.float32]  # (5 + lags, H, W) range, x, y, z, remission normalised; residual images
     range_image: NDArray[np.float32]  # (H, W) m, range of the nearest point; 0 where the pixel is empty

@@ -1,7 +1,7 @@
 """Make the tiny checkpoint, bundle and scans that tests use: `python -m tests.make_tiny [FOLDER]`.
 
-A v2-lite with 4 channels and a small head for 64 x 256 pixels, with random weights: it runs fast and finds nothing. Nine
-thinned simulated scans, and what PyTorch computes for the last of them from the naive network input.
+A v2-lite with 4 channels and a small head for 64 x 256 pixels, with random weights: it runs fast and finds nothing.
+Nine thinned simulated scans, and what PyTorch computes for the last of them from the naive network input.
 """
 
 import shutil
@@ -58,7 +58,7 @@ def write_scans(folder: Path) -> None:
 
 
 def expected_probabilities(checkpoint: Path, sequence: Path) -> np.ndarray:
-    """(N, 3) f32 of the last scan of `sequence`: naive input, PyTorch image network, PyTorch point head; 0 without pixel."""
+    """(N, 3) f32 of the last scan of `sequence`: naive input, then all in PyTorch; 0 for points without pixel."""
     found = load(checkpoint)
     config, head = found.config, found.point_head
     assert head is not None

@@ -1,5 +1,7 @@
 """From a checkpoint to a bundle: whole, equal to PyTorch, the same bytes each time, or nothing."""
 
+import dataclasses
+import functools
 import json
 import os
 import subprocess
@@ -12,6 +14,7 @@ import torch
 
 from export import parity, to_onnx, write
 from export.to_onnx import export_checkpoint, main
+from mos_model.simulator import PROFILES, simulate
 from runtime.bundle import load_bundle
 from runtime.errors import BundleError, CheckpointError, OutputError, ParityError, SettingError
 from runtime.runner import MosRunner
@@ -19,6 +22,15 @@ from tests.make_tiny import random_network, tiny_config
 
 ROOT = Path(__file__).parents[2]
 TINY = ROOT / "tests" / "data" / "tiny"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def thin_scans():
+    """A tenth of the sensor's columns: the comparison is quick. The script's test takes full scans."""
+    sensor = dataclasses.replace(PROFILES["hdl64e"], azimuth_steps=200)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(parity, "simulate", functools.partial(simulate, sensor=sensor))
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -237,9 +237,8 @@ def test_remember_goes_on_as_if_it_had_run(runner):
 def test_bad_settings(settings, error, match):
     import onnxruntime
 
-    if settings.get("providers") == ["CUDAExecutionProvider"]:
-        if "CUDAExecutionProvider" in onnxruntime.get_available_providers():
-            pytest.skip("this ONNX Runtime has CUDA")
+    if set(settings.get("providers", ())) & set(onnxruntime.get_available_providers()):
+        pytest.skip("this ONNX Runtime has the provider")
     with pytest.raises(error, match=match):
         MosRunner(**{"bundle": TINY, **settings})
 
