@@ -105,7 +105,7 @@ def bench(
 ) -> None:
     """Moving IoU, precision and recall (%) of every bundle and post-processing; false alarms where nothing moves."""
     sets = {"simulated": simulated(STREETS, streets, frames)}
-    alarms = {"quiet streets": simulated(QUIET, -(-quiet // 4), 4, movers=0.0)}
+    alarms = {"quiet streets": simulated(QUIET, -(-quiet // 10), 10, movers=0.0)}
     if kitti is not None:
         sets["real 90"] = [real(kitti / "sequences/90")]
         alarms["real 00, frames 8-10"] = [real(kitti / "sequences/00", limit=11)]

@@ -31,9 +31,10 @@ def bench(
     shape = (model.in_channels, sensor.height, sensor.width)
     image = np.random.default_rng(0).normal(0, 0.5, shape).astype(np.float32)
     tensor = torch.from_numpy(image[None])
+    model_bytes = onnx_bytes(network, (1, *shape))
     with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
         path = Path(folder) / "image_net.onnx"
-        path.write_bytes(onnx_bytes(network, (1, *shape)))
+        path.write_bytes(model_bytes)
         net = ImageNet(path, threads=threads)
         want = network(tensor).logits.softmax(1)[0].numpy()
         tasks = {"PyTorch eager": lambda: network(tensor), "ONNX Runtime": lambda: net.run(image)}

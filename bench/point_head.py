@@ -1,4 +1,4 @@
-"""Time of the point head beside the machine's peak, single layers beside other libraries, refinement, memory.
+"""Time of the point head beside the machine's peak, refinement, cost against size, memory.
 
 python -m bench.point_head --sequence ../shared/data/kitti/sequences/00 --labelled .../sequences/90 --out head.json
 """
@@ -14,14 +14,10 @@ import typer
 
 from bench.report import ROOT, interleaved, save, show, summary
 from bench.scans import load_frames
-from runtime.arena import Arena
-from runtime.head_config import FULL, LITE, PointHeadConfig
+from runtime.head_config import FULL, LITE
 from runtime.inputs import InputBuilder
-from runtime.kernel_map import build_scales, neighbours, table_map
 from runtime.point_head import FeatureMap, PointHeadEngine, fold
 from runtime.sensor import HISTORY, Residual, Sensor
-from runtime.sparse_conv import convolve, pack
-from runtime.voxels import voxelise
 from runtime.workers import Workers
 
 HEADS = {"lite": LITE, "full": FULL}
@@ -37,6 +33,13 @@ def reference_weights(name: str) -> dict[str, np.ndarray]:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return dict(module.reference_state_dict(f"point_head_{name}", 2026))
+
+
+def brief(rows: dict[str, Any]) -> dict[str, Any]:
+    """Rows of a table without what is only in the JSON file."""
+    return {
+        name: {k: v for k, v in row.items() if k not in ("min", "max", "runs", "p95")} for name, row in rows.items()
+    }
 
 
 def head(name: str, threads: int, **changes: Any) -> PointHeadEngine:
@@ -76,91 +79,14 @@ def whole_scan(scan: Scan, threads: int, rounds: int) -> dict[str, Any]:
         rows[name] = {
             **summary(seconds[name]),
             "GFLOP/s": rate,
-            "of sgemm %": 100 * rate / sgemm,
-            "convolutions alone %": 100 * rate / sgemm * sum(steps.values()) / steps["convolutions"],
-            "maps, voxels, transfers %": 100 * (1 - steps["convolutions"] / sum(steps.values())),
-            "workspace MB": engine.workspace / 1e6,
+            "% of sgemm": 100 * rate / sgemm,
+            "convs alone %": 100 * rate / sgemm * sum(steps.values()) / steps["convolutions"],
+            "% not convs": 100 * (1 - steps["convolutions"] / sum(steps.values())),
+            "buffers MB": engine.workspace / 1e6,
         }
     rows["sgemm"] = {**summary(seconds["sgemm"]), "GFLOP/s": sgemm}
-    show(f"whole scan, {len(scan.xyz)} points, {engine.voxels} voxels, ms", rows)
+    show(f"whole scan, {len(scan.xyz)} points, {engine.voxels} voxels, ms", brief(rows))
     return rows
-
-
-def torch_layer(features: np.ndarray, kernel: np.ndarray, pairs: list[Any], threads: int) -> Callable[[], np.ndarray]:
-    """Gather, matrix product, index_add: the convolution in plain PyTorch, pairs given."""
-    import torch
-
-    torch.set_num_threads(threads)
-    x, w = torch.from_numpy(features), torch.from_numpy(kernel)
-    rows = [(torch.from_numpy(i), torch.from_numpy(o)) for i, o in pairs]
-
-    def run() -> np.ndarray:
-        out = torch.zeros(len(x), w.shape[2])
-        for k, (i, o) in enumerate(rows):
-            out.index_add_(0, o, x[i] @ w[k])
-        return out.numpy()
-
-    return run
-
-
-def spconv_layer(coords: np.ndarray, features: np.ndarray, kernel: np.ndarray) -> Callable[[], np.ndarray]:
-    """The same layer (map and convolution) in spconv's CPU path; raises ImportError where it is not installed."""
-    import spconv.pytorch as spconv
-    import torch
-
-    layer = spconv.SubMConv3d(kernel.shape[1], kernel.shape[2], 3, bias=False, algo=spconv.ConvAlgo.Native)
-    weight = kernel.reshape(3, 3, 3, *kernel.shape[1:]).transpose(4, 0, 1, 2, 3)  # out z y x in
-    layer.weight.data = torch.from_numpy(np.ascontiguousarray(weight)).reshape(layer.weight.shape)
-    indices = torch.from_numpy(np.ascontiguousarray(np.pad(coords[:, ::-1], ((0, 0), (1, 0))).astype(np.int32)))
-    shape = (coords.max(axis=0)[::-1] + 1).tolist()
-
-    def run() -> np.ndarray:
-        with torch.no_grad():
-            found = layer(spconv.SparseConvTensor(torch.from_numpy(features), indices, shape, 1))
-        return np.asarray(found.features)
-
-    return run
-
-
-def single_layers(scan: Scan, threads: int, rounds: int) -> dict[str, Any]:
-    """One 3x3x3 layer with its map: 32 -> 32 at stride 1 and 96 -> 96 at stride 2; outputs are compared first."""
-    workers, arena, found = Workers(threads), Arena(), {}
-    voxels = voxelise(scan.xyz, 0.05, workers, scan.valid)
-    for level, channels in ((0, 32), (1, 96)):
-        random = np.random.default_rng(1)
-        keys = build_scales(voxels.keys, 1, Arena())[level].keys.copy()
-        coords = np.unique(voxels.coords >> level, axis=0)
-        order = np.array([int(sum((c >> b & 1) << 3 * b for b in range(21))) for c in range(coords.max() + 1)])
-        coords = coords[np.argsort(order[coords[:, 0]] << 2 | order[coords[:, 1]] << 1 | order[coords[:, 2]])]
-        features = random.normal(size=(len(keys), channels)).astype(np.float32)
-        kernel = random.normal(0, 0.05, (27, channels, channels)).astype(np.float32)
-        weights, out = pack(kernel), np.empty_like(features)
-
-        def ours(keys=keys, features=features, weights=weights, out=out) -> np.ndarray:  # type: ignore[no-untyped-def]
-            scales = build_scales(keys, 0, arena)
-            table = neighbours(scales, 0, arena, workers)[0]
-            kernel_map = table_map(table, len(keys), arena, workers, "layer")
-            return convolve(features, kernel_map, weights, out, workers, relu=False)
-
-        table = neighbours(build_scales(keys, 0, Arena()), 0, Arena(), workers)[0][:-1]
-        pairs = [(table[table[:, k] < len(keys), k].astype(np.int64), np.flatnonzero(table[:, k] < len(keys))) for k in range(27)]
-        tasks: dict[str, Callable[[], Any]] = {"this": ours}
-        makers = {
-            "PyTorch, without its map": lambda: torch_layer(features, kernel, pairs, threads),  # noqa: B023
-            "spconv": lambda: spconv_layer(coords, features, kernel),  # noqa: B023
-        }
-        for name, make in makers.items():
-            try:
-                tasks[name] = make()
-            except ImportError:
-                continue
-            difference = np.abs(tasks[name]() - ours()).max()
-            if difference > 1e-3:
-                raise ArithmeticError(f"{name} differs by {difference}")
-        rows = {name: summary(values) for name, values in interleaved(tasks, rounds).items()}
-        show(f"one 3x3x3 layer with its map, {channels} -> {channels} at stride {1 << level}, {len(keys)} voxels, ms", rows)
-        found[f"{channels} at stride {1 << level}"] = rows
-    return found
 
 
 def refinement(scan: Scan, candidates: np.ndarray, threads: int, rounds: int) -> dict[str, Any]:
@@ -179,11 +105,15 @@ def refinement(scan: Scan, candidates: np.ndarray, threads: int, rounds: int) ->
     for name, task in tasks.items():
         result = task()
         kept = candidates & np.isfinite(result[:, 0])
-        rows[name] = {**summary(seconds[name]), "of whole %": 100 * float(np.median(seconds[name])) / whole, "voxels": engine.voxels}
+        rows[name] = {
+            **summary(seconds[name]),
+            "% of whole": 100 * float(np.median(seconds[name])) / whole,
+            "voxels": engine.voxels,
+        }
         if kept.any():
-            rows[name]["same label %"] = 100 * float((result[kept].argmax(1) == full[kept].argmax(1)).mean())
+            rows[name]["% same label"] = 100 * float((result[kept].argmax(1) == full[kept].argmax(1)).mean())
             rows[name]["max difference"] = f"{np.abs(result[kept] - full[kept]).max():.1e}"
-    show(f"refinement (lite), {100 * candidates.mean():.2f} % of the points are candidates, ms", rows)
+    show(f"refinement (lite), {100 * candidates.mean():.2f} % of the points are candidates, ms", brief(rows))
     return rows
 
 
@@ -220,10 +150,10 @@ def sizes(scans: list[Scan], threads: int, rounds: int, plot: Path | None) -> di
         taken = float(np.median(seconds))
         rows[str(engine.voxels)] = {
             **summary(seconds),
-            "ns per 1000 multiply-adds": 1e12 * taken / engine.multiply_adds,
-            "multiply-adds, G": engine.multiply_adds / 1e9,
+            "ps per multiply-add": 1e12 * taken / engine.multiply_adds,
+            "G multiply-adds": engine.multiply_adds / 1e9,
         }
-    show("cost against size (lite), by number of voxels, ms", rows)
+    show("cost against size (lite), by number of voxels, ms", brief(rows))
     if plot is not None:
         draw(rows, plot)
     return rows
@@ -253,7 +183,6 @@ def bench(
     """All tables of the point head."""
     several = [Scan(points) for points, _ in load_frames(sequence, 8)]
     results: dict[str, Any] = {"whole_scan": whole_scan(several[0], threads, rounds)}
-    results["single_layers"] = single_layers(several[0], threads, rounds)
     frame, moving = several[0], several[0].valid & (np.abs(several[0].xyz - several[0].xyz[1000]).max(axis=1) < 2)
     if labelled is not None:
         frame, moving = busiest(labelled)

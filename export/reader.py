@@ -23,9 +23,7 @@ from runtime.errors import CheckpointError
 
 ADVICE = "pass a file that torch.save wrote; if it is one, it may be cut short: fetch or copy it again"
 
-_LEGACY_MAGIC = (
-    0x1950A86A20F9469CFC6C  # first number of what torch.save wrote before its files were zip archives
-)
+_LEGACY_MAGIC = 0x1950A86A20F9469CFC6C  # first number of what torch.save wrote before its files were zip archives
 _DTYPES = {
     "DoubleStorage": torch.float64,
     "FloatStorage": torch.float32,
@@ -197,9 +195,7 @@ class _Builder:
     def __init__(self, read: Callable[[str], bytearray]) -> None:
         self.read = read  # bytes of a storage
         self.storages: dict[str, Tensor] = {}
-        self.built: dict[
-            int, Any
-        ] = {}  # what each object of the tree became: it may be used twice, or hold itself
+        self.built: dict[int, Any] = {}  # what each object of the tree became: it may be used twice, or hold itself
 
     def build(self, value: Any) -> Any:
         if not isinstance(value, dict | list | tuple | Inert):
@@ -235,9 +231,7 @@ class _Builder:
     def tensor(self, storage: Any, offset: Any, size: Any, stride: Any, *_: Any) -> Tensor:
         """A view of its storage; refused where it would reach past it or hold elements twice."""
         key, dtype, count = _described(storage)
-        if not (
-            _is_counts((offset,)) and _is_counts(size) and _is_counts(stride) and len(size) == len(stride)
-        ):
+        if not (_is_counts((offset,)) and _is_counts(size) and _is_counts(stride) and len(size) == len(stride)):
             raise ValueError(f"a tensor of storage {key} has no proper shape")
         steps = sum((n - 1) * step for n, step in zip(size, stride, strict=True))
         if prod(size) and (offset + steps >= count or prod(size) > count):

@@ -98,9 +98,7 @@ def augment(
     points = np.array(points, np.float32)
     points[:, 3] = _change_remission(points[:, 3], settings, rng)
     if not np.array_equal(transform, np.eye(4)):
-        points[:, :3] = points[:, :3] @ transform[:3, :3].T.astype(np.float32) + transform[:3, 3].astype(
-            np.float32
-        )
+        points[:, :3] = points[:, :3] @ transform[:3, :3].T.astype(np.float32) + transform[:3, 3].astype(np.float32)
     return Augmented(points, labels, past, [pose if pose is None else transform @ pose for pose in relative])
 
 
@@ -165,9 +163,7 @@ def _kept_rows(points: Points, row_share: float, rng: np.random.Generator) -> ND
     return (rng.random(256) >= row_share * rng.random())[band]
 
 
-def _change_remission(
-    remission: Points, settings: Augmentation, rng: np.random.Generator
-) -> NDArray[np.float32]:
+def _change_remission(remission: Points, settings: Augmentation, rng: np.random.Generator) -> NDArray[np.float32]:
     """Remission (N,) f32 in 0..1 of another sensor, or of none."""
     off = rng.random() < settings.remission_off
     factor, exponent = np.exp(settings.remission_gain * rng.standard_normal(2))

@@ -46,9 +46,7 @@ def save(
     `config`, a value is no tensor and not plain, or a weight leaves the range of float16.
     """
     if (point_head is None) != (config.point_head is None):
-        raise CheckpointError(
-            f"{path}: the configuration has {'a' if config.point_head else 'no'} point head"
-        )
+        raise CheckpointError(f"{path}: the configuration has {'a' if config.point_head else 'no'} point head")
     content: dict[str, Any] = {
         "format": FORMAT,
         "config": config.to_dict(),
@@ -72,9 +70,7 @@ def load(path: str | os.PathLike[str], config: ModelConfig | None = None) -> Che
         raise CheckpointError(f"{path}: its configuration does not fit this version: {error}") from error
     if config is not None and found != config:
         lines = "; ".join(differing_fields(found, config))
-        raise CheckpointError(
-            f"{path}: made for another configuration (its own against the one asked for): {lines}"
-        )
+        raise CheckpointError(f"{path}: made for another configuration (its own against the one asked for): {lines}")
     image_net, point_head = build_image_network(found), build_point_head(found)
     load_state(image_net, content["image_net"], f"{path}: image network")
     if point_head is not None:
@@ -167,6 +163,4 @@ def _replace_file(path: Path, data: memoryview) -> None:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise OutputError(
-            f"{path}: could not be written ({error}); an earlier checkpoint there is whole"
-        ) from error
+        raise OutputError(f"{path}: could not be written ({error}); an earlier checkpoint there is whole") from error

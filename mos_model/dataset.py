@@ -108,9 +108,7 @@ def make_samples(
     return samples
 
 
-def _draw_columns(
-    labels: NDArray[np.uint8], config: SampleConfig, rng: np.random.Generator
-) -> NDArray[np.int64]:
+def _draw_columns(labels: NDArray[np.uint8], config: SampleConfig, rng: np.random.Generator) -> NDArray[np.int64]:
     """Columns of a crop; it may reach over the seam of the image."""
     width = labels.shape[1]
     start = int(rng.integers(width))

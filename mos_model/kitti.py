@@ -71,9 +71,7 @@ def open_recording(folder: Path) -> Recording:
     for scan, label in zip(sequence.scans, labels, strict=True):
         points, size = count_points(scan), label.stat().st_size
         if size != LABEL_BYTES * points:
-            raise SequenceError(
-                f"{label}: {size} bytes are not the labels of the {points} points of {scan.name}"
-            )
+            raise SequenceError(f"{label}: {size} bytes are not the labels of the {points} points of {scan.name}")
     return Recording(sequence.name, sequence.scans, labels, sequence.poses)
 
 
@@ -148,9 +146,7 @@ def epoch_order(seed: int, epoch: int, count: int) -> NDArray[np.int64]:
     return np.random.default_rng((seed, 3, epoch)).permutation(count)
 
 
-def training_frames(
-    samples: SampleConfig, recordings: Sequence[Recording], seed: int, crops: int
-) -> RecordedFrames:
+def training_frames(samples: SampleConfig, recordings: Sequence[Recording], seed: int, crops: int) -> RecordedFrames:
     """All dynamic frames and a part of the static ones."""
     kept = [thin_static(moving) for moving in count_moving(recordings)]
     frames = tuple((r, int(i)) for r, indices in enumerate(kept) for i in indices)

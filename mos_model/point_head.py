@@ -32,9 +32,7 @@ class Residual(nn.Module):
 
     def __init__(self, i: int, o: int) -> None:
         super().__init__()
-        self.net = nn.Sequential(
-            SparseConv(i, o, 27), RowNorm(o), nn.ReLU(), SparseConv(o, o, 27), RowNorm(o)
-        )
+        self.net = nn.Sequential(SparseConv(i, o, 27), RowNorm(o), nn.ReLU(), SparseConv(o, o, 27), RowNorm(o))
         self.downsample = nn.Sequential(SparseConv(i, o, 1), RowNorm(o)) if i != o else nn.Identity()
 
     def forward(self, x: Tensor, level: Level) -> Tensor:

@@ -127,6 +127,4 @@ class Display:
 
 def _duration(seconds: float) -> str:
     minutes = int(seconds // 60)
-    return (
-        f"{minutes // 60}:{minutes % 60:02d} h" if minutes >= 60 else f"{minutes}:{int(seconds % 60):02d} min"
-    )
+    return f"{minutes // 60}:{minutes % 60:02d} h" if minutes >= 60 else f"{minutes}:{int(seconds % 60):02d} min"

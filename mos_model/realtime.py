@@ -18,15 +18,11 @@ WIDTHS = (16, 32, 64, 128)  # channels at 1/1, 1/2, 1/4 and 1/8 of the height
 CLIP = 1.0  # residuals beyond +-CLIP say no more than CLIP
 
 
-def conv(
-    i: int, o: int, kernel: int | tuple[int, int] = 3, stride: int | tuple[int, int] = 1
-) -> nn.Sequential:
+def conv(i: int, o: int, kernel: int | tuple[int, int] = 3, stride: int | tuple[int, int] = 1) -> nn.Sequential:
     """Convolution, BatchNorm, ReLU."""
     size = (kernel, kernel) if isinstance(kernel, int) else kernel
     padding = (size[0] // 2, size[1] // 2)
-    return nn.Sequential(
-        nn.Conv2d(i, o, size, stride, padding, bias=False), nn.BatchNorm2d(o), nn.ReLU(inplace=True)
-    )
+    return nn.Sequential(nn.Conv2d(i, o, size, stride, padding, bias=False), nn.BatchNorm2d(o), nn.ReLU(inplace=True))
 
 
 class Residual3x3(nn.Module):

@@ -30,9 +30,7 @@ class TrainConfig:
     learning_rate: float = 0.01
     momentum: float = 0.9  # SGD
     weight_decay: float = 1e-4
-    schedule: str = (
-        "decay"  # "decay": times `decay` every `decay_every` steps; "cosine": down to 0 at the last step
-    )
+    schedule: str = "decay"  # "decay": times `decay` every `decay_every` steps; "cosine": down to 0 at the last step
     warmup: int = PUBLISHED_EPOCH  # steps of linear growth at the start
     decay: float = 0.99
     decay_every: int = PUBLISHED_EPOCH  # steps
@@ -67,9 +65,7 @@ class TrainConfig:
             if getattr(self, name) < 1:
                 raise SettingError(f"{name} must be at least 1, not {getattr(self, name)!r}")
         if not self.learning_rate > 0 or not 0 <= self.ema < 1 or self.warmup < 0 or self.clip < 0:
-            raise SettingError(
-                "learning_rate must be positive, ema within 0..1, warmup and clip not negative"
-            )
+            raise SettingError("learning_rate must be positive, ema within 0..1, warmup and clip not negative")
 
     def learning_rate_at(self, step: int) -> float:
         """Learning rate of step 0, 1, ...; a function of the step, so that nothing needs to be resumed."""
@@ -81,9 +77,7 @@ class TrainConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
-        return asdict(self) | {
-            "augmentation": asdict(self.augmentation) | {"shift": list(self.augmentation.shift)}
-        }
+        return asdict(self) | {"augmentation": asdict(self.augmentation) | {"shift": list(self.augmentation.shift)}}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "TrainConfig":
@@ -134,9 +128,7 @@ def recipe(name: str, stage: int = 1, epoch_steps: int = PUBLISHED_EPOCH, **chan
 
 
 def _changed(config: TrainConfig, changes: dict[str, Any]) -> TrainConfig:
-    inner = {
-        key.split(".", 1)[1]: changes.pop(key) for key in list(changes) if key.startswith("augmentation.")
-    }
+    inner = {key.split(".", 1)[1]: changes.pop(key) for key in list(changes) if key.startswith("augmentation.")}
     if isinstance(changes.get("augmentation"), Mapping):
         inner |= changes.pop("augmentation")
     if "shift" in inner:

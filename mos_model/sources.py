@@ -65,9 +65,7 @@ def simulated_data(
     """Training streets, and held-out ones of fixed seeds, whole and as they are."""
     profile = data.profile
     samples = sample_config(model, config)
-    streets = SimulatedStreets(
-        samples, config.seed, profile, config.street_frames, config.street_every, config.crops
-    )
+    streets = SimulatedStreets(samples, config.seed, profile, config.street_frames, config.street_every, config.crops)
     held_out = SimulatedStreets(
         replace(samples, augmentation=NONE, crop=0),
         profile=profile,
@@ -78,9 +76,7 @@ def simulated_data(
     return streets, Validation(held_out, config.validation_streets, keep=True)
 
 
-def recorded_data(
-    model: ModelConfig, config: TrainConfig, data: Data
-) -> tuple[RecordedFrames, Validation | None]:
+def recorded_data(model: ModelConfig, config: TrainConfig, data: Data) -> tuple[RecordedFrames, Validation | None]:
     """Training and validation frames of a data set on disk, all of it checked."""
     assert data.root is not None
     samples = sample_config(model, config)

@@ -47,18 +47,14 @@ class Stream:
     ) -> None:
         """workers: processes (0: samples are made when they are needed); position: batches to leave out."""
         if batch < 1 or mix < 1 or workers < 0 or not 0 <= rank < world or position < 0:
-            raise SettingError(
-                "a stream needs batch and mix of at least 1, workers and position of at least 0"
-            )
+            raise SettingError("a stream needs batch and mix of at least 1, workers and position of at least 0")
         step = batch // math.gcd(batch, source.group_size)
         self.source, self.batch, self.seed = source, batch, seed
         self.mix = -(-mix // step) * step  # a block is a whole number of batches
         self.rank, self.world, self.position = rank, world, position
         self._pool: ProcessPoolExecutor | None = None
         if workers:  # spawned, since a fork of a process with threads may hang
-            self._pool = ProcessPoolExecutor(
-                workers, multiprocessing.get_context("spawn"), _start_worker, (source,)
-            )
+            self._pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker, (source,))
 
     @property
     def batches_per_block(self) -> int:

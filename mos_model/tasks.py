@@ -75,9 +75,7 @@ class ImageTask(Task):
 class PointTask(Task):
     """Stage 2: the point head, on points; the image network is frozen."""
 
-    def __init__(
-        self, config: ModelConfig, image_net: nn.Module, weights: Tensor, device: torch.device
-    ) -> None:
+    def __init__(self, config: ModelConfig, image_net: nn.Module, weights: Tensor, device: torch.device) -> None:
         super().__init__(weights, device)
         head = build_point_head(config)
         if head is None:
@@ -89,9 +87,7 @@ class PointTask(Task):
     def forward(self, trained: nn.Module, batch: list[Sample]) -> tuple[Tensor, Tensor]:
         """See `Task`."""
         with torch.no_grad():
-            features = self.image_net(
-                self.to_device([sample.image for sample in batch])
-            ).features  # (B, c, H, W)
+            features = self.image_net(self.to_device([sample.image for sample in batch])).features  # (B, c, H, W)
         parts, xyz, scan, labels = [], [], [], []
         for b, sample in enumerate(batch):
             pixel = torch.from_numpy(sample.pixel).to(self.device, torch.int64)

@@ -12,36 +12,22 @@ from runtime.errors import MosError, SettingError
 
 
 def train_command(
-    out: Annotated[Path, typer.Option(help="Folder of the run: last.pt, best.pt, metrics.jsonl")] = Path(
-        "runs/train"
-    ),
-    data: Annotated[
-        str, typer.Option(help="'simulated', or the root of a data set (holds sequences/)")
-    ] = "simulated",
+    out: Annotated[Path, typer.Option(help="Folder of the run: last.pt, best.pt, metrics.jsonl")] = Path("runs/train"),
+    data: Annotated[str, typer.Option(help="'simulated', or the root of a data set (holds sequences/)")] = "simulated",
     road: Annotated[bool, typer.Option(help="With KITTI-Road-MOS in the same root")] = False,
-    train_on: Annotated[
-        str | None, typer.Option(help="Sequences, as 00,01 (default: the published split)")
-    ] = None,
-    validate_on: Annotated[
-        str | None, typer.Option(help="Sequences, as 08 (default: the published split)")
-    ] = None,
+    train_on: Annotated[str | None, typer.Option(help="Sequences, as 00,01 (default: the published split)")] = None,
+    validate_on: Annotated[str | None, typer.Option(help="Sequences, as 08 (default: the published split)")] = None,
     sensor: Annotated[
         str,
-        typer.Option(
-            help="Of the images, and of the simulator: hdl64e, hdl32e, vlp16, os1-32, os1-64, os1-128"
-        ),
+        typer.Option(help="Of the images, and of the simulator: hdl64e, hdl32e, vlp16, os1-32, os1-64, os1-128"),
     ] = "hdl64e",
     config: Annotated[str, typer.Option(help="Network: lmnet, b, c, d, e, v1, v2, v2-lite, rt")] = "v1",
     channels: Annotated[int, typer.Option(help="Width of the image network")] = 32,
     recipe: Annotated[str, typer.Option(help="'paper' or 'sim2real'")] = "paper",
     stage: Annotated[int, typer.Option(help="1: image network; 2: point head, image network frozen")] = 1,
     steps: Annotated[int | None, typer.Option(help="Steps (default: of the recipe)")] = None,
-    batch: Annotated[
-        int | None, typer.Option(help="Samples a step and process (default: of the recipe)")
-    ] = None,
-    crop: Annotated[
-        int | None, typer.Option(help="Columns of each sample, 0: all (default: of the recipe)")
-    ] = None,
+    batch: Annotated[int | None, typer.Option(help="Samples a step and process (default: of the recipe)")] = None,
+    crop: Annotated[int | None, typer.Option(help="Columns of each sample, 0: all (default: of the recipe)")] = None,
     seed: Annotated[int, typer.Option(help="Of weights, data and dropout")] = 0,
     init: Annotated[Path | None, typer.Option(help="Checkpoint whose weights are the start")] = None,
     resume: Annotated[bool, typer.Option(help="Go on from last.pt in the folder of the run")] = False,
@@ -107,9 +93,7 @@ def set_nested(settings: dict[str, Any], path: list[str], value: Any) -> None:
     settings[last] = value
 
 
-def choose_split(
-    road: bool, train_on: str | None, validate_on: str | None
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def choose_split(road: bool, train_on: str | None, validate_on: str | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the training and validation sequences: the published ones where none are given."""
     from mos_model import kitti
 

@@ -55,9 +55,7 @@ class VoxelGrid:
     first: Tensor  # (P,) int64: the first point, in scan order, of each stride-1 voxel
 
     @classmethod
-    def from_points(
-        cls, xyz: Tensor, voxel_size: float, strides: int, batch: Tensor | None = None
-    ) -> "VoxelGrid":
+    def from_points(cls, xyz: Tensor, voxel_size: float, strides: int, batch: Tensor | None = None) -> "VoxelGrid":
         """Voxels of xyz (N, 3) m at `strides` levels; `batch` (N,) int64 tells the scans of a batch apart.
 
         Coordinates are rounded in float32, half to even, and count from the minimum of each scan; points that
@@ -71,9 +69,7 @@ class VoxelGrid:
         inverse = torch.empty_like(order)  # (N,)
         inverse[order] = is_new.cumsum(0) - 1
         keys = ranked[is_new]  # (P,)
-        levels = [
-            Level(1, keys, _neighbour_map(keys, 1), None, None, torch.arange(len(keys), device=keys.device))
-        ]
+        levels = [Level(1, keys, _neighbour_map(keys, 1), None, None, torch.arange(len(keys), device=keys.device))]
         for _ in range(1, strides):
             levels.append(_coarsen(levels[-1]))
         return cls(tuple(levels), inverse, order[is_new])

@@ -1,10 +1,10 @@
 """Moving-object segmentation of LiDAR scans on a plain CPU.
 
-    from runtime import MosRunner
+from runtime import MosRunner
 
-    runner = MosRunner()
-    for scan, pose in stream:  # (N, 4) float32 x y z remission; (4, 4) T_world_lidar
-        result = runner(scan, pose)  # result.moving (N,) bool, .probability (N,) float32
+runner = MosRunner()
+for scan, pose in stream:  # (N, 4) float32 x y z remission; (4, 4) T_world_lidar
+    result = runner(scan, pose)  # result.moving (N,) bool, .probability (N,) float32
 """
 
 from typing import TYPE_CHECKING, Any

@@ -11,9 +11,7 @@ from runtime.scans import Scan
 
 CELL = 1.0  # m, side of the ground cells in which upright things are looked for
 UPRIGHT = 0.8  # m, height that the points of a cell must span to be an upright thing
-ABOVE = (
-    0.3  # m over the lowest point of the cell: leaves out the ground, whose rings move along with the sensor
-)
+ABOVE = 0.3  # m over the lowest point of the cell: leaves out the ground, whose rings move along with the sensor
 NEAR, FAR = 3.0, 40.0  # m, range of the points that are compared
 QUERIES = 2000  # points of a scan that are compared
 REACH = 1.0  # m, a point farther from everything counts as this far
@@ -76,7 +74,4 @@ def choose_pairs(count: int, margin: int, most: int = 10) -> list[Pair]:
 
 def misfits(landmarks: dict[int, Landmarks], poses: Poses, pairs: list[Pair], shift: int = 0) -> list[float]:
     """Misfit of each pair of scans under poses T_world_lidar (T, 4, 4) of `shift` scans later."""
-    return [
-        landmarks[a].misfit(landmarks[b], np.linalg.inv(poses[a + shift]) @ poses[b + shift])
-        for a, b in pairs
-    ]
+    return [landmarks[a].misfit(landmarks[b], np.linalg.inv(poses[a + shift]) @ poses[b + shift]) for a, b in pairs]

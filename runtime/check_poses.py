@@ -48,9 +48,7 @@ def check_steps(poses: Poses) -> list[Finding]:
     ]
     usual = f"{np.median(length):.2f} m and {np.median(angle):.1f} degrees a scan"
     if jumps:
-        return [
-            Finding("warn", "motion", f"poses jump from {some(jumps)}, usual are {usual}: scans missing?")
-        ]
+        return [Finding("warn", "motion", f"poses jump from {some(jumps)}, usual are {usual}: scans missing?")]
     return [Finding("ok", "motion", f"steady, {usual}")]
 
 
@@ -72,15 +70,9 @@ def check_times(file: Path, scans: int) -> list[Finding]:
     if len(steps) == 0:
         return []
     usual = float(np.median(steps))
-    gaps = [
-        f"{i} to {i + 1} ({step:.2f} s)"
-        for i, step in enumerate(steps)
-        if not 0.5 * usual < step < 1.5 * usual
-    ]
+    gaps = [f"{i} to {i + 1} ({step:.2f} s)" for i, step in enumerate(steps) if not 0.5 * usual < step < 1.5 * usual]
     if gaps:
-        return [
-            Finding("warn", "times", f"time jumps from {some(gaps)}, usual are {usual:.2f} s: scans missing?")
-        ]
+        return [Finding("warn", "times", f"time jumps from {some(gaps)}, usual are {usual:.2f} s: scans missing?")]
     return [Finding("ok", "times", f"{usual:.2f} s a scan, no gap")]
 
 
@@ -94,17 +86,11 @@ def check_alignment(scans: tuple[Path, ...], poses: Poses, others: list[tuple[st
     if not pairs:
         return [Finding("warn", "alignment", "two scans are needed to see whether the poses fit")]
     try:
-        landmarks = {
-            i: Landmarks.of(read_scan(scans[i])) for i in sorted({i for pair in pairs for i in pair})
-        }
+        landmarks = {i: Landmarks.of(read_scan(scans[i])) for i in sorted({i for pair in pairs for i in pair})}
     except ScanError as error:
         return [Finding("bad", "alignment", f"cannot be checked: {error}")]
     if min(len(thing.points) for thing in landmarks.values()) < 100:
-        return [
-            Finding(
-                "warn", "alignment", "too few walls, trunks or cars in sight to see whether the poses fit"
-            )
-        ]
+        return [Finding("warn", "alignment", "too few walls, trunks or cars in sight to see whether the poses fit")]
 
     def fit(trial: Poses, shift: int = 0) -> float:
         return float(np.median(misfits(landmarks, trial, pairs, shift)))
@@ -115,11 +101,7 @@ def check_alignment(scans: tuple[Path, ...], poses: Poses, others: list[tuple[st
     apart = f"static surroundings {gap} scan{'s' if gap > 1 else ''} later lie {_length(given)} off"
     moves = max(_motion(np.linalg.inv(poses[a]) @ poses[b]) for a, b in pairs)
     if moves < STANDS and still < FITS:
-        return [
-            Finding(
-                "ok", "alignment", f"{apart}; nothing moves, so that a wrong frame or step would not show"
-            )
-        ]
+        return [Finding("ok", "alignment", f"{apart}; nothing moves, so that a wrong frame or step would not show")]
     for reading, trial in others:
         if fit(trial) < MUCH_BETTER * given:
             return [Finding("bad", "alignment", f"{apart}, but only {_length(fit(trial))} if {reading}")]
@@ -131,9 +113,7 @@ def check_alignment(scans: tuple[Path, ...], poses: Poses, others: list[tuple[st
         best = min(shifted, key=lambda shift: shifted[shift])
         if shifted[best] < BETTER * given:
             line = f"{abs(best)} line{'s' if abs(best) > 1 else ''} {'later' if best > 0 else 'earlier'}"
-            text = (
-                f"{apart}, but only {_length(shifted[best])} if each scan takes the pose {line}: out of step"
-            )
+            text = f"{apart}, but only {_length(shifted[best])} if each scan takes the pose {line}: out of step"
             return [Finding("bad", "alignment", text)]
     lost = [f"{a} to {b}" for (a, b), off in zip(pairs, each, strict=True) if off > max(FITS, 3 * given)]
     if lost:

@@ -13,9 +13,7 @@ from runtime.scans import Scan, count_points
 from runtime.sensor import Sensor
 from runtime.sequence import scan_number
 
-SECTORS = (
-    719  # of half a degree, in each of which a beam leaves points of nearly one elevation; odd, so that their
-)
+SECTORS = 719  # of half a degree, in each of which a beam leaves points of nearly one elevation; odd, so that their
 # edges do not fall on the columns of a sensor
 BEAM_GAP = 0.1  # degrees between neighbouring beams, at least
 OTHER = "use a bundle made for your sensor"
@@ -91,9 +89,7 @@ def check_points(samples: Samples) -> list[Finding]:
     near, middle, far = np.percentile(samples.ranges, [5, 50, 99])
     text = f"half of the points lie within {middle:.3g} m, 5 % within {near:.3g} m, 99 % within {far:.3g} m"
     if middle > 300:
-        text += (
-            ": that looks like millimetres or map coordinates; the network needs metres in the LiDAR's frame"
-        )
+        text += ": that looks like millimetres or map coordinates; the network needs metres in the LiDAR's frame"
         found.append(Finding("bad", "range", text))
     elif middle < 1:
         found.append(Finding("warn", "range", f"{text}: very near; are these metres?"))
@@ -109,9 +105,7 @@ def _check_remission(remissions: npt.NDArray[np.float64]) -> Finding:
         full = 255 if high <= 255 else 65535
         return Finding("bad", "remission", f"{text}: the network needs 0..1; divide by {full}")
     if low == high:
-        return Finding(
-            "warn", "remission", f"{text}: it is constant, so that the network misses one of its channels"
-        )
+        return Finding("warn", "remission", f"{text}: it is constant, so that the network misses one of its channels")
     if low < 0:
         return Finding("warn", "remission", f"{text}: the network needs 0..1")
     return Finding("ok", "remission", text)

@@ -75,9 +75,7 @@ def _root(
 @app.command()
 def run(
     path: Input,
-    out: Annotated[Path, typer.Option(help="Folder for sequences/NN/predictions/*.label.")] = Path(
-        "predictions"
-    ),
+    out: Annotated[Path, typer.Option(help="Folder for sequences/NN/predictions/*.label.")] = Path("predictions"),
     bundle: Bundle = None,
     threads: Annotated[int, typer.Option(min=1, help="Threads to use.")] = 2,
     limit: Annotated[
@@ -102,9 +100,7 @@ def run(
 
     folders = find_sequences(path, tuple(sequence or ()))
     if len(folders) > 1 and (poses or calib):
-        raise SettingError(
-            f"--poses and --calib are for one sequence, not for {len(folders)}; pick one by --sequence"
-        )
+        raise SettingError(f"--poses and --calib are for one sequence, not for {len(folders)}; pick one by --sequence")
     sequences = [open_sequence(folder, poses, calib, pose_frame, limit) for folder in folders]
 
     from runtime.progress import predict_with_progress
@@ -116,9 +112,7 @@ def run(
         for one in sequences:
             show_summary(one.name, predict_with_progress(one, runner, out, overwrite))
     except KeyboardInterrupt:
-        typer.echo(
-            "mos: interrupted. Finished predictions are kept; the same command goes on from there", err=True
-        )
+        typer.echo("mos: interrupted. Finished predictions are kept; the same command goes on from there", err=True)
         raise typer.Exit(130) from None
 
 

@@ -25,6 +25,4 @@ def write_whole(path: Path, data: bytes) -> None:
             raise
     except OSError as error:
         reason = error.strerror or str(error)
-        raise OutputError(
-            f"cannot write {path}: {reason}. Free the space or choose another output folder"
-        ) from error
+        raise OutputError(f"cannot write {path}: {reason}. Free the space or choose another output folder") from error

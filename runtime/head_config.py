@@ -21,9 +21,7 @@ class PointHeadConfig:
         if len(self.down) != len(self.up) or not self.down:
             raise SettingError(f"a point head needs as many up as down stages, not {self.down} and {self.up}")
         if self.fuse_after_up is not None and not 1 <= self.fuse_after_up < len(self.up):
-            raise SettingError(
-                f"fuse_after_up must lie within 1..{len(self.up) - 1}, not {self.fuse_after_up}"
-            )
+            raise SettingError(f"fuse_after_up must lie within 1..{len(self.up) - 1}, not {self.fuse_after_up}")
         if self.voxel_size <= 0 or min(self.in_channels, *self.down, *self.up) < 1:
             raise SettingError("a point head needs a positive voxel size and positive channel counts")
         if self.reduce not in ("first", "mean"):

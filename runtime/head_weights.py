@@ -126,13 +126,9 @@ def checked(weights: Mapping[str, NDArray[np.generic]], config: PointHeadConfig)
     wrong += [f"{key} is unknown" for key in weights if key not in shapes]
     for key in shapes.keys() & weights.keys():
         if weights[key].shape != shapes[key] or weights[key].dtype.kind != "f":
-            wrong.append(
-                f"{key} is {weights[key].dtype} {weights[key].shape}, not floats of shape {shapes[key]}"
-            )
+            wrong.append(f"{key} is {weights[key].dtype} {weights[key].shape}, not floats of shape {shapes[key]}")
         elif not np.isfinite(weights[key]).all():
             wrong.append(f"{key} is not finite")
     if wrong:
-        raise BundleError(
-            f"the point head's weights do not fit its configuration: {'; '.join(sorted(wrong))}"
-        )
+        raise BundleError(f"the point head's weights do not fit its configuration: {'; '.join(sorted(wrong))}")
     return {key: weights[key].astype(np.float32) for key in shapes}

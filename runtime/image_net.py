@@ -49,6 +49,7 @@ class ImageNet:
         options = ort.SessionOptions()
         options.intra_op_num_threads = threads
         options.inter_op_num_threads = 1
+        options.enable_mem_pattern = False  # its one large block would come on top of the arena's: half the memory
         options.log_severity_level = 3
         try:
             for key, value in {"session.intra_op.allow_spinning": "0", **(session_options or {})}.items():

@@ -97,9 +97,7 @@ class InputBuilder:
 
         def project_one(task: int) -> None:
             if task == 0:
-                project_scan(
-                    points, scale, *limits, pixel, distance, self._first, self._nearest, self._limited
-                )
+                project_scan(points, scale, *limits, pixel, distance, self._first, self._nearest, self._limited)
             elif lag := lags[task - 1]:
                 transform = np.ascontiguousarray(relative[lag - 1][:3], np.float32)  # type: ignore[index]
                 nearest_range(past[lag - 1], transform, scale, *limits, self._image[4 + task])

@@ -21,7 +21,7 @@ from runtime.sparse_kernel import UNIT
 from runtime.workers import Workers
 
 MAX_TILE = 512  # outputs of one tile: their accumulators stay in the L2 cache
-MIN_TILE = 64
+MIN_TILE = 128  # fewer: the weights, read once per tile, cost more than the work
 _GRAIN = 8192  # voxels per task
 compiled: Any = intrinsic  # generates code, without types that a checker could see
 
@@ -103,12 +103,10 @@ def neighbours(
 
 def tile_size(count: int, workers: Workers) -> int:
     """Outputs per tile: as many as the cache holds, fewer where the threads would get too few tiles."""
-    return min(MAX_TILE, max(MIN_TILE, -(-count // (8 * workers.threads))))
+    return min(MAX_TILE, max(MIN_TILE, -(-count // (4 * workers.threads))))
 
 
-def table_map(
-    table: NDArray[np.int32], count_in: int, arena: Arena, workers: Workers, name: str
-) -> KernelMap:
+def table_map(table: NDArray[np.int32], count_in: int, arena: Arena, workers: Workers, name: str) -> KernelMap:
     """Kernel map of a table (V + 1, K) whose row v names the inputs of output v, `count_in` for none."""
     count, offsets = len(table) - 1, table.shape[1]
     tile = tile_size(count, workers)

@@ -54,9 +54,7 @@ def knn_vote(
     _pad(np.ascontiguousarray(labels), np.ascontiguousarray(range_image), cells, classes)
     u, v, ranges = np.ascontiguousarray(u), np.ascontiguousarray(v), np.ascontiguousarray(ranges)
     out = np.empty(len(u), np.uint8)
-    workers.ranges(
-        lambda start, stop: _vote(cells, classes, u, v, ranges, _WEIGHTS, start, stop, out), len(u), _GRAIN
-    )
+    workers.ranges(lambda start, stop: _vote(cells, classes, u, v, ranges, _WEIGHTS, start, stop, out), len(u), _GRAIN)
     return out
 
 

@@ -21,9 +21,7 @@ def read_labels(path: str | Path, points: int | None = None) -> npt.NDArray[np.u
         raise SequenceError(f"{path}: labels cannot be read: {error.strerror}") from error
     if len(data) % LABEL_BYTES or points not in (None, len(data) // LABEL_BYTES):
         wanted = "a whole number of" if points is None else str(points)
-        raise SequenceError(
-            f"{path}: {len(data)} bytes are not the {LABEL_BYTES}-byte labels of {wanted} points"
-        )
+        raise SequenceError(f"{path}: {len(data)} bytes are not the {LABEL_BYTES}-byte labels of {wanted} points")
     return np.frombuffer(data, "<u4").astype(np.uint32)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.arena import Arena
-from runtime.errors import ScanError, SettingError
+from runtime.errors import InferenceError, ScanError, SettingError
 from runtime.head_config import PointHeadConfig
 from runtime.head_weights import checked, fold, layers
 from runtime.kernel_map import KernelMap, Scale, build_scales, neighbours, table_map, up_map
@@ -49,9 +49,7 @@ class _Maps(NamedTuple):
 class PointHeadEngine:
     """Refines coarse results. One call at a time (others wait); workspaces are reused from scan to scan."""
 
-    def __init__(
-        self, weights: Mapping[str, NDArray[np.generic]], config: PointHeadConfig, workers: Workers
-    ) -> None:
+    def __init__(self, weights: Mapping[str, NDArray[np.generic]], config: PointHeadConfig, workers: Workers) -> None:
         """`weights`: as `fold` returns them, float16 or float32. Raises BundleError where they do not fit."""
         self.config, self.workers = config, workers
         self.timing: dict[str, float] = {}  # s spent in each step of the last scan
@@ -79,7 +77,8 @@ class PointHeadEngine:
         `xyz` (N, 3) m, LiDAR frame; `valid` (N,) points that take part (those with NaN or infinity never do);
         `pixel_features` (N, c), or a FeatureMap. `candidates` (N,): refine these only, looking only at voxels
         within `halo` m of theirs (on each axis); "exact" is wide enough for the result of a full run. None:
-        refine all valid points. Raises ScanError for shapes that do not fit and scans that span 2^21 voxels.
+        refine all valid points. Raises ScanError for shapes that do not fit and scans that span 2^21 voxels,
+        InferenceError where the features are not finite.
         """
         with self._lock:
             self.timing = dict.fromkeys(("voxels", "maps", "transfers", "convolutions"), 0.0)
@@ -87,11 +86,7 @@ class PointHeadEngine:
             count = len(xyz)
             features, rows = self._features(pixel_features, count)
             result = np.full((count, 3), np.nan, np.float32)
-            wanted = (
-                np.ones(count, np.bool_)
-                if candidates is None
-                else np.require(candidates, np.bool_, ["C", "W"])
-            )
+            wanted = np.ones(count, np.bool_) if candidates is None else np.require(candidates, np.bool_, ["C", "W"])
             if wanted.shape != (count,):
                 raise ScanError(f"the mask of candidates must be ({count},), not {wanted.shape}")
             reach = self._reach(halo)
@@ -107,6 +102,8 @@ class PointHeadEngine:
             self._spent("voxels", began)
             if len(kept):
                 probabilities = self._network(voxels, kept, features, rows)
+                if not np.isfinite(probabilities).all():
+                    raise InferenceError("the point head's result is not finite: look for NaN in the features")
                 began = perf_counter()
                 place = np.full(len(voxels.keys), -1, np.int32)
                 place[kept] = np.arange(len(kept), dtype=np.int32)
@@ -156,9 +153,7 @@ class PointHeadEngine:
             return np.zeros(0, np.int32)
         return surroundings(voxels.keys, candidates, reach, self._arena, self.workers)
 
-    def _network(
-        self, voxels: Voxels, kept: NDArray[np.int32], features: Floats, rows: NDArray[np.int32]
-    ) -> Floats:
+    def _network(self, voxels: Voxels, kept: NDArray[np.int32], features: Floats, rows: NDArray[np.int32]) -> Floats:
         """Class probabilities (K, 3) of the voxels `kept` (K,)."""
         config, depth, take = self.config, len(self.config.down), self._take
         began = perf_counter()
@@ -181,17 +176,13 @@ class PointHeadEngine:
         for i, channels in enumerate(config.down, 1):
             x = self._conv(f"stage{i}.0", x, maps.down[i - 1], take("a", i, sizes, x.shape[1]))
             x = self._residual(f"stage{i}.1", x, maps.same[i], take("b", i, sizes, channels))
-            x = self._residual(
-                f"stage{i}.2", x, maps.same[i], skips[i] if i < depth else take("a", i, sizes, channels)
-            )
+            x = self._residual(f"stage{i}.2", x, maps.same[i], skips[i] if i < depth else take("a", i, sizes, channels))
         points = self._points(0, skips[0], take("points0", 0, sizes, config.down[-1]))
         x = self._exchange(x, depth, maps, points)
         for i, channels in enumerate(config.up, 1):
             level = depth - i
             self._conv(f"up{i}.0", x, maps.up[level], joined[level][:, : ups[level]])
-            x = self._residual(
-                f"up{i}.1.0", joined[level], maps.same[level], take("a", level, sizes, channels)
-            )
+            x = self._residual(f"up{i}.1.0", joined[level], maps.same[level], take("a", level, sizes, channels))
             x = self._residual(f"up{i}.1.1", x, maps.same[level], take("b", level, sizes, channels))
             if i == config.fuse_after_up:
                 points = self._points(1, points, take("points1", 0, sizes, channels))
@@ -257,9 +248,7 @@ class PointHeadEngine:
         """Voxels of stride 2^level and points exchange what they have."""
         began = perf_counter()
         out = self._take("exchanged", 0, [len(x)], x.shape[1])
-        exchange(
-            x, maps.tables[level], maps.members[level], maps.scales[0].keys, level, points, out, self.workers
-        )
+        exchange(x, maps.tables[level], maps.members[level], maps.scales[0].keys, level, points, out, self.workers)
         self._spent("transfers", began)
         return out
 

@@ -7,9 +7,7 @@ import numpy.typing as npt
 
 from runtime.errors import PoseError
 
-RIGID_TOLERANCE = (
-    1e-3  # largest entry of R R^T - I, and of |det R - 1|, that rounding in a text file may cause
-)
+RIGID_TOLERANCE = 1e-3  # largest entry of R R^T - I, and of |det R - 1|, that rounding in a text file may cause
 
 Pose = npt.NDArray[np.float64]  # (4, 4)
 Poses = npt.NDArray[np.float64]  # (T, 4, 4)
@@ -33,9 +31,7 @@ def read_poses(path: str | Path) -> Poses:
         except ValueError as error:
             raise PoseError(f"{path}: line {number} is not made of numbers") from error
         if len(row) not in (8, 12, 16) or len(row) != len(rows[0] if rows else row):
-            expected = (
-                f"{len(rows[0])} like the lines before" if rows else "12 (KITTI), 16 (matrix) or 8 (TUM)"
-            )
+            expected = f"{len(rows[0])} like the lines before" if rows else "12 (KITTI), 16 (matrix) or 8 (TUM)"
             raise PoseError(f"{path}: line {number} has {len(row)} numbers, not {expected}")
         rows.append(row)
     if not rows:
@@ -82,9 +78,7 @@ def check_pose(pose: npt.ArrayLike, where: str = "pose") -> Pose:
     try:
         matrix = np.asarray(pose, np.float64)
     except (TypeError, ValueError) as error:
-        raise PoseError(
-            f"{where}: a pose is a (4, 4) matrix of numbers, not {type(pose).__name__}"
-        ) from error
+        raise PoseError(f"{where}: a pose is a (4, 4) matrix of numbers, not {type(pose).__name__}") from error
     if matrix.shape != (4, 4):
         raise PoseError(f"{where}: a pose is a (4, 4) matrix T_world_lidar, not of shape {matrix.shape}")
     if not np.isfinite(matrix).all():

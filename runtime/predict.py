@@ -28,9 +28,7 @@ class Summary:
     scans: int = 0
     points: int = 0
     moving: int = 0
-    latency: dict[str, list[float]] = field(
-        default_factory=dict
-    )  # "read", the runner's stages, "write", "scan": all
+    latency: dict[str, list[float]] = field(default_factory=dict)  # "read", the runner's stages, "write", "scan": all
 
     def add(self, points: int, moving: int, seconds: dict[str, float]) -> None:
         self.scans += 1
@@ -84,9 +82,7 @@ def predict(
     return summary
 
 
-def _label(
-    sequence: Sequence, index: int, runner: MosRunner, out: str | Path
-) -> tuple[int, int, dict[str, float]]:
+def _label(sequence: Sequence, index: int, runner: MosRunner, out: str | Path) -> tuple[int, int, dict[str, float]]:
     """Read, run and write one scan: its points, how many of them move, and seconds of each stage."""
     started = time.perf_counter()
     scan, pose = _read(sequence, index, runner)

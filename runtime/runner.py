@@ -200,9 +200,7 @@ class MosRunner:
         moving = valid & (classes.reshape(-1)[at] == MOVING)
         if self._head is not None:
             candidates = None if self.refine == "all" else valid & (probability > CANDIDATE)
-            refined = self._head.refine(
-                points[:, :3], valid, FeatureMap(features, image.u, image.v), candidates
-            )
+            refined = self._head.refine(points[:, :3], valid, FeatureMap(features, image.u, image.v), candidates)
             known = ~np.isnan(refined[:, MOVING])
             probability = np.where(known, refined[:, MOVING], probability)
             moving = np.where(known, self._classes(refined.T) == MOVING, moving)
@@ -223,7 +221,7 @@ class MosRunner:
         y, z = (a.reshape(-1) for a in np.meshgrid(grid, grid))
         wall = np.stack([np.full_like(y, 10), y, z, np.zeros_like(y)], axis=1)
         refine, self.refine = self.refine, "all"
-        for _ in range(2):
-            self(wall, np.eye(4))
+        self.remember(wall, np.eye(4))
+        self(wall, np.eye(4))
         self.refine = refine
         self.reset()

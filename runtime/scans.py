@@ -26,9 +26,7 @@ def as_scan(array: npt.ArrayLike, remission_fill: float = 0.0, where: str = "sca
     except ValueError as error:  # rows of different lengths
         raise ScanError(f"{where}: is no array of points: {error}") from error
     if data.dtype.type not in (np.float32, np.float64):
-        raise ScanError(
-            f"{where}: points must be float32 or float64, not {data.dtype}; convert them to float32 metres"
-        )
+        raise ScanError(f"{where}: points must be float32 or float64, not {data.dtype}; convert them to float32 metres")
     if data.ndim != 2 or data.shape[1] not in (3, 4):
         raise ScanError(
             f"{where}: a scan has the shape (points, 4) for x y z remission, or (points, 3) without "

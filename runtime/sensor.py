@@ -39,9 +39,7 @@ class Residual:
     lags: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 7, 8)  # scans back, one channel each
     min_range: float = 2.0  # m, points nearer than this leave no residual
     max_range: float = 50.0  # m, points farther than this leave no residual
-    kind: str = (
-        "absolute"  # "absolute": |r_cur - r_prev| / r_cur as published; "signed": (r_prev - r_cur) / r_cur
-    )
+    kind: str = "absolute"  # "absolute": |r_cur - r_prev| / r_cur as published; "signed": (r_prev - r_cur) / r_cur
 
     def __post_init__(self) -> None:
         lags = self.lags

@@ -63,9 +63,7 @@ def find_sequences(path: str | Path, names: tuple[str, ...] = ()) -> list[Path]:
     """
     path = Path(path).resolve()
     if not path.is_dir():
-        raise SequenceError(
-            f"{path}: is no folder; give a sequence, a root with 'sequences', or a folder of scans"
-        )
+        raise SequenceError(f"{path}: is no folder; give a sequence, a root with 'sequences', or a folder of scans")
     if path.name == "velodyne":
         path = path.parent
     if (path / "velodyne").is_dir() or any(file.suffix in SUFFIXES for file in path.iterdir()):
@@ -75,9 +73,7 @@ def find_sequences(path: str | Path, names: tuple[str, ...] = ()) -> list[Path]:
     root = path / "sequences" if (path / "sequences").is_dir() else path
     found = {folder.name: folder for folder in sorted(root.iterdir()) if (folder / "velodyne").is_dir()}
     if not found:
-        raise SequenceError(
-            f"{path}: holds neither 'velodyne' nor 'sequences/NN/velodyne' nor .bin or .npy scans"
-        )
+        raise SequenceError(f"{path}: holds neither 'velodyne' nor 'sequences/NN/velodyne' nor .bin or .npy scans")
     missing = [name for name in names if name not in found]
     if missing:
         raise SequenceError(f"{root}: has no sequence {', '.join(missing)}; there are {', '.join(found)}")
@@ -88,9 +84,7 @@ def list_scans(folder: str | Path) -> tuple[Path, ...]:
     """Scan files of a sequence folder in the order of their numbers. Raises SequenceError."""
     folder = Path(folder)
     scans_folder = folder / "velodyne" if (folder / "velodyne").is_dir() else folder
-    files = [
-        file for file in scans_folder.iterdir() if file.suffix in SUFFIXES and not file.name.startswith(".")
-    ]
+    files = [file for file in scans_folder.iterdir() if file.suffix in SUFFIXES and not file.name.startswith(".")]
     if not files:
         raise SequenceError(f"{scans_folder}: holds no .bin or .npy scans")
     pattern = _pattern(min(files))

@@ -26,9 +26,7 @@ def features_to_voxels(
     """
     if mean:
         order, starts = voxels.order, voxels.starts
-        workers.ranges(
-            lambda a, b: _mean_features(features, rows, order, starts, kept, out, a, b), len(kept), _GRAIN
-        )
+        workers.ranges(lambda a, b: _mean_features(features, rows, order, starts, kept, out, a, b), len(kept), _GRAIN)
     else:
         first = rows[voxels.first[kept]]
         workers.ranges(lambda a, b: _pick_features(features, first, out, a, b), len(kept), _GRAIN)
@@ -53,9 +51,7 @@ def exchange(
     voxel, `keys` (V,) Morton keys of the points (one per voxel of stride 1), `points` (V, c), updated.
     """
     grain = max(1, _GRAIN >> level)
-    workers.ranges(
-        lambda a, b: _exchange(coarse, table, members, keys, level, points, out, a, b), len(coarse), grain
-    )
+    workers.ranges(lambda a, b: _exchange(coarse, table, members, keys, level, points, out, a, b), len(coarse), grain)
     return out
 
 

@@ -37,9 +37,7 @@ def meta_kernel(weights: dict[str, Tensor], x: Tensor, features: Tensor) -> Tens
     return out
 
 
-def attention(
-    a: Tensor, m: Tensor, spatial: Tensor, channel_wise: Tensor, biases: tuple[Tensor, Tensor]
-) -> Tensor:
+def attention(a: Tensor, m: Tensor, spatial: Tensor, channel_wise: Tensor, biases: tuple[Tensor, Tensor]) -> Tensor:
     """One image: a, m (C, H, W); spatial (1, C), channel_wise (C, C) -> (C, H, W) (paper, eq. 3 and 4)."""
     g = torch.sigmoid(torch.einsum("oc,chw->ohw", spatial, m) + biases[0][:, None, None]) * a
     scores = channel_wise @ g.flatten(1).mean(1) + biases[1]
@@ -59,17 +57,13 @@ class Voxels:
         self.points: list[Voxel] = [tuple(map(int, row)) for row in q]
         self.rows: list[dict[Voxel, int]] = []
         for n in range(strides):
-            self.rows.append(
-                {voxel: i for i, voxel in enumerate(sorted({floor(p, 2**n) for p in self.points}))}
-            )
+            self.rows.append({voxel: i for i, voxel in enumerate(sorted({floor(p, 2**n) for p in self.points}))})
 
     def neighbours(self, n: int) -> list[set[tuple[int, int]]]:
         """Per offset, x fastest: the pairs (input row, output row) at level n."""
         rows, s = self.rows[n], 2**n
         offsets = [(x, y, z) for z in (-1, 0, 1) for y in (-1, 0, 1) for x in (-1, 0, 1)]
-        return [
-            {(rows[add(o, k, s)], row) for o, row in rows.items() if add(o, k, s) in rows} for k in offsets
-        ]
+        return [{(rows[add(o, k, s)], row) for o, row in rows.items() if add(o, k, s) in rows} for k in offsets]
 
     def down(self, n: int) -> list[set[tuple[int, int]]]:
         """Per offset, z fastest: the pairs (row at level n - 1, row at level n)."""

@@ -186,9 +186,7 @@ def random_weights(config, seed=0):
         spread = 1 / np.sqrt(sum(layer.inputs) * max(1, layer.offsets / 4))
         weights[layer.source] = rng.normal(0, spread, shape).astype(np.float32)
         if layer.linear:
-            weights[layer.source.replace("weight", "bias")] = rng.normal(0, 0.1, layer.outputs).astype(
-                np.float32
-            )
+            weights[layer.source.replace("weight", "bias")] = rng.normal(0, 0.1, layer.outputs).astype(np.float32)
         if layer.norm:
             for name, values in {
                 "weight": rng.uniform(0.8, 1.2, layer.outputs),

@@ -16,9 +16,7 @@ def boxes(seed: int = 7) -> np.ndarray:
         for x in np.arange(-60, 120, 9.0):
             width, depth, height = rng.uniform(4, 8), rng.uniform(2, 9), rng.uniform(2, 7)
             near = side * rng.uniform(6, 10)
-            found.append(
-                [[x, min(near, near + side * depth), 0], [x + width, max(near, near + side * depth), height]]
-            )
+            found.append([[x, min(near, near + side * depth), 0], [x + width, max(near, near + side * depth), height]])
             x0 = x + rng.uniform(0, 6)
             y0 = side * rng.uniform(3.5, 4.5)
             size = (4.2, 1.7, 1.5) if rng.random() < 0.5 else (0.3, 0.3, 5.0)

@@ -10,6 +10,8 @@ from mos_model.simulator.roads import lay_roads, turning_path
 from mos_model.simulator.streets import STYLES
 from mos_model.simulator.terrain import REACH, Terrain
 
+TURN_RATE = 0.6  # radians/s, at most
+SIDE_PUSH = 4.0  # m/s2 sideways, at most
 FASTEST = {"residential": 13, "urban": 15, "highway": 22, "country": 20, "open": 10}  # m/s
 
 
@@ -38,6 +40,9 @@ class Drive:
             line = turning_path(line, out, rng.uniform(6, 12))
         self.path = Path(line)
         self.start = REACH  # m along the path at time 0
+        bend = self.path.bend(self.start - 10, self.start + travel + 10)
+        slow = min(TURN_RATE / (bend + 1e-6), math.sqrt(SIDE_PUSH / (bend + 1e-6)))
+        self.speed = self.speed.slowed(min(1.0, slow / (float(self.speed.speed.max()) + 1e-6)))
         self._pitching = [(rng.gauss(0, 0.0025), rng.uniform(0.7, 2.0), rng.uniform(0, 6.28)) for _ in range(2)]
         self._rolling = [(rng.gauss(0, 0.003), rng.uniform(0.5, 1.5), rng.uniform(0, 6.28)) for _ in range(2)]
         self._bump = rng.choice((-1, 1)) * rng.uniform(0.01, 0.03) * (rng.random() < 0.1)  # radians

@@ -23,6 +23,11 @@ class Path:
         """Length in m."""
         return float(self.s[-1])
 
+    def bend(self, start: float, stop: float) -> float:
+        """The strongest curvature between two arc lengths, 1/m, over stretches of 3 m."""
+        yaw = np.interp(np.arange(start, max(stop, start + 1.0) + 3.0), self.middle, self.heading)
+        return float(np.abs(yaw[3:] - yaw[:-3]).max()) / 3.0
+
     def at(self, s: np.ndarray) -> np.ndarray:
         """(n, 3) x, y, yaw at arc lengths s; straight on beyond the ends."""
         x, y = np.interp(s, self.s, self.points[:, 0]), np.interp(s, self.s, self.points[:, 1])
@@ -35,10 +40,15 @@ class Speed:
     """Speed over time; knows the distance walked since time 0. Times from -1 s to `duration` + 1 s."""
 
     def __init__(self, duration: float, speed: np.ndarray, times: np.ndarray) -> None:
+        self.duration = duration
         self.times = np.arange(-1.0, duration + 1.0, STEP)
         self.speed = np.interp(self.times, times, speed)
         walked = np.concatenate([[0.0], np.cumsum(0.5 * (self.speed[1:] + self.speed[:-1])) * STEP])
         self.walked = walked - np.interp(0.0, self.times, walked)
+
+    def slowed(self, factor: float) -> "Speed":
+        """The same profile, `factor` times as fast."""
+        return Speed(self.duration, factor * self.speed, self.times)
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance and speed at times t."""

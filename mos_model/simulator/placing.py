@@ -12,7 +12,8 @@ def place(templates, pose, walked, out, first):
     c, s = np.cos(pose[3]), np.sin(pose[3])
     for k in range(len(templates)):
         row, t = out[first + k], templates[k]
-        row[:] = t
+        for i in range(len(t)):
+            row[i] = t[i]
         row[1] = pose[0] + c * t[1] - s * t[2]
         row[2] = pose[1] + s * t[1] + c * t[2]
         row[3] = pose[2] + t[3]

@@ -17,7 +17,7 @@ FRUSTUM, ELLIPSOID, CAPSULE = 0, 1, 2
 # Materials; parameters in brackets.
 MATT = 0
 FACADE = 1  # wall with windows [period m, glazed share 0..1, recess m]
-BARS = 2  # fence of bars [period m, share that is solid]
+BARS = 2  # fence of bars along x [period m, share that is solid]
 MESH = 3  # anything a ray passes by chance [chance to be stopped]
 FOLIAGE = 4  # leaves in the volume [hits per metre where dense, cell m, dense share 0..1]
 PAINT = 5  # car body [gloss 0..1: share of the light mirrored away where it does not fall straight on]
@@ -73,7 +73,7 @@ def bounds(prims):
     return out
 
 
-@inlined
+@fast_kernel
 def _frustum(g, ox, oy, oz, dx, dy, dz):
     """Entry, exit, entry face (0 x, 1 y, 2 z) and cosine of incidence there; entry > exit: missed."""
     high = g[1] - g[0]
@@ -104,7 +104,7 @@ def _frustum(g, ox, oy, oz, dx, dy, dz):
     return near, far, face, cosine
 
 
-@inlined
+@fast_kernel
 def _ellipsoid(g, ox, oy, oz, dx, dy, dz):
     ax, ay, az = (ox - g[0]) / g[3], (oy - g[1]) / g[4], (oz - g[2]) / g[5]
     bx, by, bz = dx / g[3], dy / g[4], dz / g[5]
@@ -118,7 +118,7 @@ def _ellipsoid(g, ox, oy, oz, dx, dy, dz):
     return near, far, 2, cosine
 
 
-@inlined
+@fast_kernel
 def _capsule(g, ox, oy, oz, dx, dy, dz):
     px, py, pz = g[3] - g[0], g[4] - g[1], g[5] - g[2]
     qx, qy, qz = ox - g[0], oy - g[1], oz - g[2]
@@ -178,8 +178,7 @@ def _material(row, k, near, far, face, ox, oy, oz, dx, dy, dz, limit, cosine, st
                 elif chance > 0.9:
                     near += 0.5 + 3.0 * _uniform(state)
     elif material == BARS:
-        u = (oy + near * dy) if abs(dx) > abs(dy) else (ox + near * dx)
-        w = (u + 0.02 * (_uniform(state) - 0.5)) / row[16]
+        w = (ox + near * dx + 0.02 * (_uniform(state) - 0.5)) / row[16]
         if w - np.floor(w) > row[17]:
             return np.inf, hit, 0.0
     elif material == PAINT:
@@ -206,22 +205,17 @@ def _material(row, k, near, far, face, ox, oy, oz, dx, dy, dz, limit, cosine, st
 
 
 @kernel
-def sort_near(prims, boxes, x, y, reach):
-    """Indices of the primitives whose box comes within `reach` of (x, y), nearest first."""
-    count = 0
-    kept = np.empty(len(prims), np.int64)
-    distance = np.empty(len(prims))
+def distances(prims, boxes, x, y):
+    """Distances (n,) of the boxes of the primitives from (x, y), in the plane, m."""
+    out = np.empty(len(prims))
     for k in range(len(prims)):
         c, s = prims[k, 4], prims[k, 5]
         dx, dy = x - prims[k, 1], y - prims[k, 2]
         lx, ly = c * dx + s * dy, c * dy - s * dx
         gx = max(boxes[k, 0] - lx, 0.0, lx - boxes[k, 3])
         gy = max(boxes[k, 1] - ly, 0.0, ly - boxes[k, 4])
-        d = np.sqrt(gx * gx + gy * gy)
-        if d < reach:
-            kept[count], distance[count] = k, d
-            count += 1
-    return kept[:count][np.argsort(distance[:count])]
+        out[k] = np.sqrt(gx * gx + gy * gy)
+    return out
 
 
 @kernel
@@ -261,14 +255,18 @@ def cast_primitives(
     depth, hit, cosine,
 ):  # fmt: skip
     """Lower `depth` (columns, beams) to the nearest primitive of each ray; `hit` is its row, -1 where the
-    light is lost; `cosine` that of incidence. `order` from sort_near; `velocity` (objects, 2) m/s; `tangents`
-    (beams,) falling slopes of the beams in a level sensor; the rest as world_rays gives it."""
+    light is lost; `cosine` that of incidence. `order` (k,) the rows to test, near ones first; `velocity`
+    (objects, 2) m/s; `tangents` (beams,) falling slopes in a level sensor; the rest as world_rays gives it."""
     columns, beams = depth.shape
     state = np.empty(1, np.uint64)
     state[0] = np.uint64(seed) | np.uint64(1)
     lowest, highest = np.max(drop), np.min(drop)
     bins = 255.0 / (tangents[0] - tangents[beams - 1])
-    row_of = np.searchsorted(-tangents, np.arange(256) / bins - tangents[0])  # first row at or below a slope
+    row_of = np.zeros(256, np.int64)  # first row at or below a slope
+    for i in range(256):
+        row_of[i] = row_of[i - 1] if i else 0
+        while tangents[row_of[i]] > tangents[0] - i / bins and row_of[i] < beams - 1:
+            row_of[i] += 1
     for index in range(len(order)):
         k = order[index]
         row, box, g = prims[k], boxes[k], prims[k, 6:14]

@@ -115,7 +115,9 @@ def report(
     flat_points, flat_labels = np.empty((total, 4), np.float32), np.empty(total, np.uint32)
     first = 0
     for b in range(beams):
-        flat_points[first : first + counts[b]] = points[b, : counts[b]]
-        flat_labels[first : first + counts[b]] = labels[b, : counts[b]]
+        for n in range(counts[b]):
+            for i in range(4):
+                flat_points[first + n, i] = points[b, n, i]
+            flat_labels[first + n] = labels[b, n]
         first += counts[b]
     return flat_points, flat_labels

@@ -52,8 +52,8 @@ class Scanner:
             self._rays, self._slope, *shot, rig.drop, terrain.height, terrain.surface, terrain.x0, terrain.y0,
             terrain.cell, terrain.highest, self._radii, rig.rough, seed[1], self._depth, self._hit,
         )  # fmt: skip
-        x, y = states[1, :2]
-        order = raycast.sort_near(scene.prims, scene.boxes, x, y, profile.max_range + 2.0)
+        away = raycast.distances(scene.prims, scene.boxes, states[1, 0], states[1, 1])
+        order = np.argsort(away, kind="stable")[: np.count_nonzero(away < profile.max_range + 2.0)]
         raycast.cast_primitives(
             scene.prims, scene.boxes, order, scene.velocity, self._rays, self._slope, *shot, self._phase, rig.drop,
             self._tangents, states, duration, seed[2], self._depth, self._hit, self._cosine,

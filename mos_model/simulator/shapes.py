@@ -16,19 +16,7 @@ def _row(kind, at, yaw, geometry, material, albedo, parameters=(0.0, 0.0, 0.0), 
 
 
 def frustum(
-    z0,
-    z1,
-    rear0,
-    front0,
-    rear1,
-    front1,
-    half0,
-    half1,
-    material=MATT,
-    albedo=0.3,
-    at=(0, 0, 0),
-    yaw=0.0,
-    p=(0, 0, 0),
+    z0, z1, rear0, front0, rear1, front1, half0, half1, material=MATT, albedo=0.3, at=(0, 0, 0), yaw=0.0, p=(0, 0, 0)
 ) -> Row:
     """A box whose four sides may lean."""
     return _row(FRUSTUM, at, yaw, (z0, z1, rear0, front0, rear1, front1, half0, half1), material, albedo, p)

@@ -18,14 +18,8 @@ MOST = 48  # tracks in a sequence
 Draw = Callable[[Random], tuple[shapes.Shape, float, float]]
 
 # Label while standing and while moving (SemanticKITTI).
-CAR, TRUCK, BUS, CYCLIST, MOTORCYCLE, PERSON = (
-    (10, 252),
-    (18, 258),
-    (13, 257),
-    (31, 253),
-    (32, 255),
-    (30, 254),
-)
+CAR, TRUCK, BUS = (10, 252), (18, 258), (13, 257)
+CYCLIST, MOTORCYCLE, PERSON = (31, 253), (32, 255), (30, 254)
 VEHICLES: tuple[tuple[Draw, tuple[int, int], float], ...] = (
     (vehicles.car, CAR, 70),
     (vehicles.van, CAR, 12),

@@ -24,7 +24,7 @@ def _gloss(rng: Random, shape: Shape) -> Shape:
     return shape
 
 
-def _axles(length, width, clearance, colour) -> Shape:
+def _axles(length: float, width: float, clearance: float) -> Shape:
     wheel = 0.31
     spread = 0.3 * length
     return [box(x - wheel, x + wheel, 0.5 * width - 0.03, 0.0, clearance + 0.25, MATT, 0.06) for x in (-spread, spread)]
@@ -52,7 +52,7 @@ def car(rng: Random) -> tuple[Shape, float, float]:
             belt, high, tail + boot, nose - hood, tail + boot + slant, nose - hood - rake,
             half - 0.08, half - 0.26, CABIN, colour, p=glass,
         ),
-        *_axles(length, width, clearance, colour),
+        *_axles(length, width, clearance),
     ]  # fmt: skip
     if rng.random() < 0.1:
         shape.append(box(tail + boot + slant + 0.1, nose - hood - rake - 0.1, 0.35, high, high + 0.3, PAINT, 0.1))
@@ -69,7 +69,7 @@ def van(rng: Random) -> tuple[Shape, float, float]:
             1.0, high, tail, nose - 0.6, tail + 0.05, nose - 1.5, half, half - 0.12,
             CABIN if rng.random() < 0.4 else PAINT, colour, p=(1.15, 1.75, 0.4),
         ),
-        *_axles(length, width, 0.3, colour),
+        *_axles(length, width, 0.3),
     ]  # fmt: skip
     return _gloss(rng, shape), length, width
 

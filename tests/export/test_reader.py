@@ -152,9 +152,7 @@ def archive(path: Path, data: bytes, storages=None, compression=zipfile.ZIP_STOR
     return path
 
 
-def tensor_pickle(
-    size=(2,), stride=(1,), offset=0, count=4, kind="torch FloatStorage", key="0", word="storage"
-):
+def tensor_pickle(size=(2,), stride=(1,), offset=0, count=4, kind="torch FloatStorage", key="0", word="storage"):
     """The pickle of {"n": Namespace, "t": tensor}, any arguments of the rebuild; torch refuses it at "n"."""
     writer = io.BytesIO()
     writer.write(b"\x80\x02}(X\x01\x00\x00\x00ncargparse\nNamespace\n)\x81X\x01\x00\x00\x00t")
@@ -298,9 +296,7 @@ def test_no_file_and_a_folder_are_no_checkpoint(tmp_path):
 
 def test_archives_of_something_else_are_no_checkpoint(tmp_path):
     np.savez(tmp_path / "file.npz", a=np.ones(3))
-    compressed = archive(
-        tmp_path / "compressed", tensor_pickle(), {"0": DATA}, compression=zipfile.ZIP_DEFLATED
-    )
+    compressed = archive(tmp_path / "compressed", tensor_pickle(), {"0": DATA}, compression=zipfile.ZIP_DEFLATED)
     for file in (tmp_path / "file.npz", compressed):
         with pytest.raises(CheckpointError, match="is no checkpoint"):
             read_tensors(file)

@@ -47,9 +47,7 @@ def test_nothing_happens_without_augmentation():
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize(
-    "settings", [ALWAYS, Augmentation(share=1, chance=1, drop=0, yaw=180, tilt=2, lift=0.5)]
-)
+@pytest.mark.parametrize("settings", [ALWAYS, Augmentation(share=1, chance=1, drop=0, yaw=180, tilt=2, lift=0.5)])
 def test_static_world_stays_static(settings, seed):
     scan, labels, past, relative = drive()
     result = augment(scan, labels, past, relative, settings, np.random.default_rng(seed))
@@ -62,9 +60,7 @@ def test_published_augmentation_is_a_shift_and_a_mirror():
     scan, labels, past, relative = drive()
     flips = 0
     for seed in range(40):
-        result = augment(
-            scan, labels, past, relative, Augmentation(share=1, drop=0), np.random.default_rng(seed)
-        )
+        result = augment(scan, labels, past, relative, Augmentation(share=1, drop=0), np.random.default_rng(seed))
         mirrored = (result.points[1, 1] - result.points[0, 1]) * (scan[1, 1] - scan[0, 1]) < 0
         flips += mirrored
         moved = result.points[:, :3] - scan[:, :3] * ([1, -1, 1] if mirrored else [1, 1, 1])
@@ -115,14 +111,10 @@ def elevation(points: np.ndarray) -> np.ndarray:
 
 def test_remission():
     scan, labels, past, relative = drive()
-    off = augment(
-        scan, labels, past, relative, Augmentation(share=0, remission_off=1), np.random.default_rng(0)
-    )
+    off = augment(scan, labels, past, relative, Augmentation(share=0, remission_off=1), np.random.default_rng(0))
     assert not off.points[:, 3].any()
     assert np.array_equal(off.points[:, :3], scan[:, :3])
-    changed = augment(
-        scan, labels, past, relative, Augmentation(share=0, remission_gain=0.5), np.random.default_rng(0)
-    )
+    changed = augment(scan, labels, past, relative, Augmentation(share=0, remission_gain=0.5), np.random.default_rng(0))
     assert not np.allclose(changed.points[:, 3], scan[:, 3], atol=1e-3)
     assert changed.points[:, 3].min() >= 0
     assert changed.points[:, 3].max() <= 1

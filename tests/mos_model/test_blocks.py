@@ -56,9 +56,7 @@ def test_meta_kernel_is_the_naive_one(size: tuple[int, int]) -> None:
 def test_meta_kernel_gradient() -> None:
     generator = torch.Generator().manual_seed(4)
     kernel = MetaKernel(2, hidden=3).double()
-    inputs = [
-        torch.randn(1, c, 3, 4, dtype=torch.float64, generator=generator).requires_grad_() for c in (5, 2)
-    ]
+    inputs = [torch.randn(1, c, 3, 4, dtype=torch.float64, generator=generator).requires_grad_() for c in (5, 2)]
     assert torch.autograd.gradcheck(kernel, inputs)
 
 

@@ -74,9 +74,7 @@ def test_same_checkpoint_same_bytes(saved: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("function", ["fsync", "replace"])
-def test_old_checkpoint_survives_a_failure(
-    saved: Path, monkeypatch: pytest.MonkeyPatch, function: str
-) -> None:
+def test_old_checkpoint_survives_a_failure(saved: Path, monkeypatch: pytest.MonkeyPatch, function: str) -> None:
     before = saved.read_bytes()
 
     def full_disk(*_: object) -> None:
@@ -131,9 +129,7 @@ def test_another_configuration_is_named(saved: Path) -> None:
     assert "sensor" not in str(error.value)
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"not a checkpoint", b"PK\x03\x04broken", pickle.dumps([1, 2], protocol=2)]
-)
+@pytest.mark.parametrize("content", [b"", b"not a checkpoint", b"PK\x03\x04broken", pickle.dumps([1, 2], protocol=2)])
 def test_file_that_is_no_checkpoint(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.pt").write_bytes(content)
     with pytest.raises(CheckpointError, match=r"a\.pt: not a checkpoint"):

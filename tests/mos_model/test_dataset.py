@@ -96,13 +96,8 @@ def test_augmented_labels_belong_to_augmented_points():
     for seed in range(3):
         config = replace(CONFIG, augmentation=settings)
         (sample,) = make_samples(history(), config, np.random.default_rng(seed))
-        azimuth = np.arctan2(sample.image[2] * 6.91 + 0.23, sample.image[1] * 11.47 + 10.88)[
-            sample.labels == 2
-        ]
-        assert (
-            np.ptp(np.unwrap(np.sort(azimuth))) < 0.35
-            or np.ptp(np.sort((azimuth + 2 * np.pi) % (2 * np.pi))) < 0.35
-        )
+        azimuth = np.arctan2(sample.image[2] * 6.91 + 0.23, sample.image[1] * 11.47 + 10.88)[sample.labels == 2]
+        assert np.ptp(np.unwrap(np.sort(azimuth))) < 0.35 or np.ptp(np.sort((azimuth + 2 * np.pi) % (2 * np.pi))) < 0.35
         share.append((sample.labels == 2).sum())
     assert np.ptp(share) < 0.3 * max(share)
 

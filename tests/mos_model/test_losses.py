@@ -43,17 +43,13 @@ def random_case(seed: int, count: int = 40) -> tuple[torch.Tensor, torch.Tensor]
 def test_lovasz_equals_its_definition(seed):
     logits, labels = random_case(seed)
     p = logits.softmax(1)
-    assert lovasz_softmax(p, labels).item() == pytest.approx(
-        naive_lovasz(p.numpy(), labels.numpy()), abs=1e-12
-    )
+    assert lovasz_softmax(p, labels).item() == pytest.approx(naive_lovasz(p.numpy(), labels.numpy()), abs=1e-12)
 
 
 def test_lovasz_of_one_class_looks_at_that_class_only():
     logits, labels = random_case(0)
     p, labels = logits.softmax(1), torch.ones_like(labels)
-    assert lovasz_softmax(p, labels).item() == pytest.approx(
-        naive_lovasz(p.numpy(), labels.numpy()), abs=1e-12
-    )
+    assert lovasz_softmax(p, labels).item() == pytest.approx(naive_lovasz(p.numpy(), labels.numpy()), abs=1e-12)
 
 
 def test_lovasz_of_hard_predictions_is_the_mean_jaccard_loss():

@@ -23,9 +23,7 @@ def random_image(config: ModelConfig, batch: int, height: int, width: int) -> to
     return torch.randn(batch, config.in_channels, height, width, generator=generator)
 
 
-@pytest.mark.parametrize(
-    ("name", "network", "count"), [("v1", "image_net", 10_413_288), ("lmnet", "lmnet", 6_711_267)]
-)
+@pytest.mark.parametrize(("name", "network", "count"), [("v1", "image_net", 10_413_288), ("lmnet", "lmnet", 6_711_267)])
 def test_names_and_shapes_are_the_published_ones(name: str, network: str, count: int) -> None:
     net = skeleton(named_config(name))
     expected = {key: s for key, s in published.layout(network).items() if not key.startswith(UNUSED_PREFIXES)}

@@ -28,9 +28,7 @@ def features_of(count: int, channels: int = 4) -> torch.Tensor:
 def test_names_and_shapes_are_the_published_ones(kind: str, config: PointHeadConfig, count: int) -> None:
     with torch.device("meta"):
         head = PointHead(config)
-    assert {key: tuple(v.shape) for key, v in head.state_dict().items()} == published.layout(
-        f"point_head_{kind}"
-    )
+    assert {key: tuple(v.shape) for key, v in head.state_dict().items()} == published.layout(f"point_head_{kind}")
     assert sum(parameter.numel() for parameter in head.parameters()) == count
 
 
@@ -44,9 +42,7 @@ def test_same_numbers_as_the_published_heads(kind: str, name: str) -> None:
     torch.testing.assert_close(logits.softmax(1), expected["probabilities"], rtol=0, atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    "changes", [{}, {"fuse_after_up": None}, {"reduce": "mean"}, {"down": (4,), "up": (6,)}]
-)
+@pytest.mark.parametrize("changes", [{}, {"fuse_after_up": None}, {"reduce": "mean"}, {"down": (4,), "up": (6,)}])
 def test_every_parameter_learns(changes: dict) -> None:
     if "down" in changes:
         changes = changes | {"fuse_after_up": None}

@@ -31,9 +31,7 @@ def test_convolution_is_the_naive_one(i: int, o: int) -> None:
     for kernel_map, rows in maps(VoxelGrid.from_points(cloud(200), 0.05, 2)):
         kernel = random(len(kernel_map.source), i, o)
         x = random(rows, i)
-        expected = reference.sparse_convolution(
-            x.numpy(), kernel.numpy(), pairs(kernel_map), kernel_map.outputs
-        )
+        expected = reference.sparse_convolution(x.numpy(), kernel.numpy(), pairs(kernel_map), kernel_map.outputs)
         np.testing.assert_allclose(sparse_convolution(x, kernel, kernel_map), expected, atol=1e-12)
 
 

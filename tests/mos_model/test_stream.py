@@ -88,9 +88,7 @@ def test_an_error_of_a_worker_arrives():
         take(12, source=Numbers(error_at=5), workers=1)
 
 
-@pytest.mark.parametrize(
-    "options", [{"batch": 0}, {"mix": 0}, {"rank": 1}, {"workers": -1}, {"position": -1}]
-)
+@pytest.mark.parametrize("options", [{"batch": 0}, {"mix": 0}, {"rank": 1}, {"workers": -1}, {"position": -1}])
 def test_settings_out_of_range(options):
     with pytest.raises(SettingError):
         take(1, **options)

@@ -157,7 +157,6 @@ def test_every_beam_has_a_row_of_its_own(profile):
 
     sensor, beams = image_sensor(profile), sensor_profile(profile)
     rows = {
-        int((1 - (e - sensor.fov_down) / (sensor.fov_up - sensor.fov_down)) * sensor.height)
-        for e in beams.elevations
+        int((1 - (e - sensor.fov_down) / (sensor.fov_up - sensor.fov_down)) * sensor.height) for e in beams.elevations
     }
     assert rows == set(range(beams.beams))

@@ -37,9 +37,7 @@ def one_thread():
     torch.set_num_threads(threads)
 
 
-def make_trainer(
-    out: Path, config: TrainConfig = BASE, source: Patches | None = None, ranks=CPU, **model
-) -> Trainer:
+def make_trainer(out: Path, config: TrainConfig = BASE, source: Patches | None = None, ranks=CPU, **model) -> Trainer:
     """A trainer of a tiny network on patches."""
     torch.manual_seed(0)
     task = ImageTask(tiny_model(**model), WEIGHTS, ranks.device)
@@ -104,9 +102,7 @@ def first_batches(trainer: Trainer, count: int) -> list:
     """What `run` would train on first."""
     from mos_model.stream import Stream
 
-    with Stream(
-        trainer.source, trainer.config.batch, seed=trainer.config.seed, mix=trainer.config.mix, workers=0
-    ) as s:
+    with Stream(trainer.source, trainer.config.batch, seed=trainer.config.seed, mix=trainer.config.mix, workers=0) as s:
         return [batch for batch, _ in zip(s, range(count), strict=False)]
 
 

@@ -84,11 +84,7 @@ def test_scans_of_a_batch_do_not_meet() -> None:
         assert len(level.keys) == sum(counts)
         starts = np.cumsum([0, *counts])
         expected = [
-            {
-                (i + start, o + start)
-                for grid, start in zip(alone, starts, strict=False)
-                for i, o in of_offset[grid]
-            }
+            {(i + start, o + start) for grid, start in zip(alone, starts, strict=False) for i, o in of_offset[grid]}
             for of_offset in _by_grid(alone, n)
         ]
         assert pairs(level.neighbours) == expected
@@ -124,9 +120,7 @@ def test_far_from_the_origin() -> None:
 
 def test_widest_scan_has_no_false_neighbours() -> None:
     last = (1 << 18) - (1 << 5) - 1  # the last voxel that is allowed with five levels
-    corners = torch.tensor(
-        [[x, y, z] for x in (0, last) for y in (0, last) for z in (0, last)], dtype=torch.float32
-    )
+    corners = torch.tensor([[x, y, z] for x in (0, last) for y in (0, last) for z in (0, last)], dtype=torch.float32)
     grid = VoxelGrid.from_points(corners, 1.0, 5, None)
     for n, level in enumerate(grid.levels):
         assert [len(s) for s in pairs(level.neighbours)] == [0] * 13 + [8] + [0] * 13

@@ -49,9 +49,7 @@ class Patches:
         return Sample(image, labels, xyz, pixel, labels.reshape(-1)[pixel])
 
 
-def write_recording(
-    folder: Path, frames: int = 12, points: int = 300, moving: int = 120, seed: int = 0
-) -> None:
+def write_recording(folder: Path, frames: int = 12, points: int = 300, moving: int = 120, seed: int = 0) -> None:
     """A sequence in the layout of SemanticKITTI: random points, the first `moving` of each scan move."""
     rng = np.random.default_rng(seed)
     for name in ("velodyne", "labels"):

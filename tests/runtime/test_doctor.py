@@ -119,9 +119,7 @@ def test_points_at_the_origin(folder):
         scan[: 2 * len(scan) // 3] = 0
 
     change_scans(folder, lose_most)
-    assert ("warn", "67 % lie at the origin (no return); they are left out and never moving") in levels(
-        folder
-    )
+    assert ("warn", "67 % lie at the origin (no return); they are left out and never moving") in levels(folder)
 
 
 def scale(column, factor, offset=0.0):

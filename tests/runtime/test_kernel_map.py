@@ -47,8 +47,7 @@ def pairs(kernel_map):
             assert (outputs[~real] == kernel_map.tile).all()
             assert end - begin == real.sum() == 0 or end - begin - real.sum() < 2 * UNIT
             found += [
-                (k, int(i), t * kernel_map.tile + int(o))
-                for i, o in zip(inputs[real], outputs[real], strict=True)
+                (k, int(i), t * kernel_map.tile + int(o)) for i, o in zip(inputs[real], outputs[real], strict=True)
             ]
     assert len(found) == len(set(found)) == kernel_map.pairs
     return set(found)
@@ -121,7 +120,7 @@ def test_several_tiles():
         scales = build_scales(voxels.keys, 2, arena)
         table = neighbours(scales, 0, arena, workers)[0]
         found = table_map(table, len(voxels.keys), arena, workers, "same")
-        assert len(found.starts) > 8
+        assert len(found.starts) > 4
         o, k = np.nonzero(table[:-1] < len(voxels.keys))
         assert pairs(found) == set(zip(k.tolist(), table[o, k].tolist(), o.tolist(), strict=True))
     held = arena.nbytes

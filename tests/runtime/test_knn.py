@@ -19,9 +19,7 @@ def scene(seed, count=3000, height=16, width=48, moving=0.4, spread=1.5, near=6.
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize(
-    ("seed", "near"), [(0, 6.0), (1, 1.0), (2, 30.0)]
-)  # 1 m: the border's range 0 takes part
+@pytest.mark.parametrize(("seed", "near"), [(0, 6.0), (1, 1.0), (2, 30.0)])  # 1 m: the border's range 0 takes part
 def test_vote_equals_the_naive_reference(seed, near, threads):
     arrays = scene(seed, near=near)
     got = knn_vote(*arrays, Workers(threads))

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 import pytest
 
-from runtime.errors import BundleError, CheckpointError, ScanError, SettingError
+from runtime.errors import BundleError, CheckpointError, InferenceError, ScanError, SettingError
 from runtime.head_config import FULL, LITE, PointHeadConfig
 from runtime.point_head import FeatureMap, PointHeadEngine, fold
 from runtime.region import receptive_field
@@ -101,14 +101,16 @@ def test_receptive_field_is_tight():
     assert (reach, receptive_field(LITE)) == (44, 44)
     x = np.arange(0, 2 * reach + 40) * 0.05 + 1
     xyz = np.stack((x, np.ones_like(x), np.ones_like(x)), axis=1).astype(np.float32)
-    head, valid = engine(SMALL), np.ones(len(xyz), bool)
+    valid, farthest = np.ones(len(xyz), bool), 0
     features = np.random.default_rng(0).normal(size=(len(xyz), 5)).astype(np.float32)
-    farthest = 0
-    for changed in range(reach + 2, reach + 6):  # each place in the coarsest grid
-        other = features.copy()
-        other[changed] = np.nan  # reaches all that depends on it
-        reached = np.flatnonzero(np.isnan(head.refine(xyz, valid, other)).any(axis=1))
-        farthest = max(farthest, np.abs(reached - changed).max())
+    for seed in range(4):
+        head = engine(SMALL, seed)
+        before = head.refine(xyz, valid, features)
+        for changed in range(reach + 2, reach + 6):  # each place in the coarsest grid
+            other = features.copy()
+            other[changed] = 1e5
+            moved = np.flatnonzero((head.refine(xyz, valid, other) != before).any(axis=1))
+            farthest = max(farthest, np.abs(moved - changed).max())
     assert farthest == reach
 
 
@@ -166,6 +168,17 @@ def test_points_without_coordinates():
     assert np.array_equal(head.refine(xyz, valid, features), expected, equal_nan=True)
 
 
+def test_features_that_are_not_finite():
+    xyz, valid, features = scan(13)
+    head = engine(SMALL)
+    expected = head.refine(xyz, valid, features)
+    broken = features.copy()
+    broken[np.flatnonzero(valid)[0]] = np.nan
+    with pytest.raises(InferenceError, match="not finite"):
+        head.refine(xyz, valid, broken)
+    assert np.array_equal(head.refine(xyz, valid, features), expected, equal_nan=True)
+
+
 def test_callers_arrays():
     """Read-only, strided and float64 input gives the same; nothing is written; results stay as they are."""
     xyz, valid, features = scan(9)
@@ -180,9 +193,7 @@ def test_callers_arrays():
     wide = np.zeros((700, 8), np.float32)
     wide[:, :3], wide[:, 3:] = xyz, features
     assert np.array_equal(head.refine(wide[:, :3], valid, wide[:, 3:]), kept, equal_nan=True)
-    assert np.array_equal(
-        head.refine(xyz.astype(np.float64), valid.astype(np.uint8), features), kept, equal_nan=True
-    )
+    assert np.array_equal(head.refine(xyz.astype(np.float64), valid.astype(np.uint8), features), kept, equal_nan=True)
     head.refine(xyz + np.float32(0.3), valid, -features)
     assert np.array_equal(first, kept, equal_nan=True)
 

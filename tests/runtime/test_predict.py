@@ -196,9 +196,7 @@ def test_a_broken_scan_leaves_what_was_finished_and_says_where(folder, runner, w
     path = folder / "velodyne" / "000010.bin"
     good = path.read_bytes()
     path.write_bytes(good[:-1])
-    with pytest.raises(
-        ScanError, match=r"stopped at scan 000010\.bin \(11 of 13\).*no whole number"
-    ) as error:
+    with pytest.raises(ScanError, match=r"stopped at scan 000010\.bin \(11 of 13\).*no whole number") as error:
         predict(open_sequence(folder), runner, tmp_path / "out")
     assert "same command" in str(error.value)
     assert contents(tmp_path / "out") == {name: whole[name] for name in list(whole)[:10]}

@@ -47,9 +47,7 @@ def rows_of(found, voxels):
     return np.array([found[voxel] for voxel in voxels])
 
 
-@pytest.mark.parametrize(
-    ("inputs", "outputs"), [(1, 1), (3, 16), (16, 3), (17, 40), (32, 32), (96, 64), (5, 130)]
-)
+@pytest.mark.parametrize(("inputs", "outputs"), [(1, 1), (3, 16), (16, 3), (17, 40), (32, 32), (96, 64), (5, 130)])
 @pytest.mark.parametrize("threads", [1, 2])
 def test_convolution(inputs, outputs, threads):
     scene = Scene(inputs, threads=threads)

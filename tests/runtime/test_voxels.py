@@ -25,9 +25,7 @@ def check(xyz, valid=None, threads=2, size=SIZE):
     assert np.array_equal(found.first[rows], first)
     assert np.array_equal(found.inverse, np.where(inverse >= 0, rows[inverse] if len(rows) else -1, -1))
     for v in range(len(found.keys)):
-        assert np.array_equal(
-            found.order[found.starts[v] : found.starts[v + 1]], np.flatnonzero(found.inverse == v)
-        )
+        assert np.array_equal(found.order[found.starts[v] : found.starts[v + 1]], np.flatnonzero(found.inverse == v))
     return found
 
 
@@ -54,9 +52,7 @@ def test_ties_go_to_even_in_float32():
 
 
 def test_points_that_are_left_out_do_not_count_for_the_minimum():
-    xyz = np.array(
-        [[0, 0, 0], [5, 5, 5], [np.nan, -9, 1], [6, np.inf, 5], [5.2, 5, 5], [-8, -8, -8]], np.float32
-    )
+    xyz = np.array([[0, 0, 0], [5, 5, 5], [np.nan, -9, 1], [6, np.inf, 5], [5.2, 5, 5], [-8, -8, -8]], np.float32)
     found = check(xyz, np.array([True, True, True, True, True, False]))
     assert found.inverse[2] == found.inverse[3] == found.inverse[5] == -1
     found = check(xyz[:5])  # by default the point at the origin is left out too
@@ -81,9 +77,7 @@ def test_read_only_and_strided_arrays():
     frozen = xyz.copy()
     frozen.flags.writeable = False
     for other in (wide[:, :3], np.asfortranarray(xyz), frozen, xyz.astype(np.float64)):
-        assert np.array_equal(
-            voxelise(other, SIZE, Workers(1)).inverse, voxelise(xyz, SIZE, Workers(1)).inverse
-        )
+        assert np.array_equal(voxelise(other, SIZE, Workers(1)).inverse, voxelise(xyz, SIZE, Workers(1)).inverse)
 
 
 def test_range_of_the_keys():
