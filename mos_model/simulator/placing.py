@@ -1,4 +1,4 @@
-"""Kernels that put shapes into the world and keep its floor plan. One file, self-contained."""
+"""Kernels about where things stand: put shapes into the world, keep its floor plan, find what is near."""
 
 import numpy as np
 
@@ -44,3 +44,17 @@ def claim(taken, x0, y0, cell, x, y, yaw, rear, front, half, mark):
                 if turn == 1:
                     taken[i, j] = True
     return True
+
+
+@kernel
+def distances(prims, boxes, x, y):
+    """Distances (n,) of the boxes of the primitives from (x, y), in the plane, m."""
+    out = np.empty(len(prims))
+    for k in range(len(prims)):
+        c, s = prims[k, 4], prims[k, 5]
+        dx, dy = x - prims[k, 1], y - prims[k, 2]
+        lx, ly = c * dx + s * dy, c * dy - s * dx
+        gx = max(boxes[k, 0] - lx, 0.0, lx - boxes[k, 3])
+        gy = max(boxes[k, 1] - ly, 0.0, ly - boxes[k, 4])
+        out[k] = np.sqrt(gx * gx + gy * gy)
+    return out

@@ -1,11 +1,13 @@
 """Rays against primitives: each primitive is tested only with the rays inside its outline, near ones first,
 and the nearest hit of each ray is kept. Kernels; one file, self-contained.
 
-A primitive is one row of COLUMNS float64 values: 0 kind; 1-3 position of its own frame in the world; 4, 5
-cosine and sine of its yaw; 6-13 geometry; 14 material; 15 object; 16-18 parameters of the material; 19-21
-swing of a limb (amplitude rad, stride m, phase); 22 albedo Geometry in its own frame, m: FRUSTUM   z bottom,
-z top, x rear and x front at the bottom, the same at the top, half width bottom, top ELLIPSOID centre x y z,
-radii x y z CAPSULE   end point, end point, radius
+A primitive is one row of COLUMNS float64 values:
+    0 kind; 1-3 position of its own frame in the world; 4, 5 cosine and sine of its yaw; 6-13 geometry;
+    14 material; 15 object; 16-18 parameters of the material; 19-21 swing of a limb (rad, stride m, phase); 22 albedo
+Geometry, m, in its own frame:
+    FRUSTUM    z bottom, z top, x rear and x front at the bottom, the same at the top, half width bottom, top
+    ELLIPSOID  centre x y z, radii x y z
+    CAPSULE    end point, end point, radius
 """
 
 import numpy as np
@@ -24,7 +26,6 @@ PAINT = 5  # car body [gloss 0..1: share of the light mirrored away where it doe
 CABIN = 6  # car body with windows [window bottom m, window top m, chance to be stopped by the glass]
 CLOTH = 7
 METAL = 8
-
 
 FREE_PATHS = -np.log((np.arange(1024) + 0.5) / 1024.0)  # quantiles of the way to the next leaf, in mean ways
 
@@ -202,20 +203,6 @@ def _material(row, k, near, far, face, ox, oy, oz, dx, dy, dz, limit, cosine, st
     if near >= limit:
         return np.inf, hit, 0.0
     return near, hit, cosine
-
-
-@kernel
-def distances(prims, boxes, x, y):
-    """Distances (n,) of the boxes of the primitives from (x, y), in the plane, m."""
-    out = np.empty(len(prims))
-    for k in range(len(prims)):
-        c, s = prims[k, 4], prims[k, 5]
-        dx, dy = x - prims[k, 1], y - prims[k, 2]
-        lx, ly = c * dx + s * dy, c * dy - s * dx
-        gx = max(boxes[k, 0] - lx, 0.0, lx - boxes[k, 3])
-        gy = max(boxes[k, 1] - ly, 0.0, ly - boxes[k, 4])
-        out[k] = np.sqrt(gx * gx + gy * gy)
-    return out
 
 
 @kernel

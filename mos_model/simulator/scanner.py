@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mos_model.simulator import ground, raycast, rays, returns
+from mos_model.simulator import ground, placing, raycast, rays, returns
 from mos_model.simulator.rig import Rig
 from mos_model.simulator.scene import Scene
 
@@ -52,7 +52,7 @@ class Scanner:
             self._rays, self._slope, *shot, rig.drop, terrain.height, terrain.surface, terrain.x0, terrain.y0,
             terrain.cell, terrain.highest, self._radii, rig.rough, seed[1], self._depth, self._hit,
         )  # fmt: skip
-        away = raycast.distances(scene.prims, scene.boxes, states[1, 0], states[1, 1])
+        away = placing.distances(scene.prims, scene.boxes, states[1, 0], states[1, 1])
         order = np.argsort(away, kind="stable")[: np.count_nonzero(away < profile.max_range + 2.0)]
         raycast.cast_primitives(
             scene.prims, scene.boxes, order, scene.velocity, self._rays, self._slope, *shot, self._phase, rig.drop,

@@ -129,7 +129,7 @@ def test_a_street_is_a_function_of_its_number():
 def test_held_out_streets_are_no_training_streets(monkeypatch):
     seen = []
 
-    def simulate(street: int, frames: int, sensor: str) -> list:
+    def simulate(street: int, frames: int, sensor: str, movers: float | None) -> list:
         seen.append(street)
         return []
 

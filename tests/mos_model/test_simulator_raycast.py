@@ -29,7 +29,7 @@ def cast(prims, velocity, moves, world, slope, origin, level, phase, drop, tange
     depth = np.full((COLUMNS, BEAMS), np.inf, np.float32)
     hit, cosine = np.full(depth.shape, -1, np.int32), np.zeros(depth.shape, np.float32)
     boxes = raycast.bounds(prims)
-    order = np.argsort(raycast.distances(prims, boxes, moves[1, 0], moves[1, 1]))
+    order = np.argsort(placing.distances(prims, boxes, moves[1, 0], moves[1, 1]))
     raycast.cast_primitives(
         prims, boxes, order, velocity, world, slope, origin, level, phase, drop, tangents, moves, 0.1, 5, depth, hit,
         cosine,
