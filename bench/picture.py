@@ -43,7 +43,7 @@ def bird_view(points: np.ndarray, kinds: np.ndarray, reach: float = 40.0, scale:
 def draw(
     out: Annotated[Path, typer.Argument(help="PNG file")],
     bundle: Annotated[Path | None, typer.Option(help="Bundle; else the default one")] = None,
-    seed: Annotated[int, typer.Option(help="Of the street")] = 12_000_003,
+    seed: Annotated[int, typer.Option(help="Of the street")] = 12_000_002,
 ) -> None:
     """Bird's-eye view over the range image: found movers red, missed ones orange, false alarms blue."""
     frames = list(simulate(seed, HISTORY + 1))
