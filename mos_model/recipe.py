@@ -109,7 +109,7 @@ def recipe(name: str, stage: int = 1, epoch_steps: int = PUBLISHED_EPOCH, **chan
         config = TrainConfig(
             recipe="sim2real",
             stage=stage,
-            steps=3000,
+            steps=9000 if stage == 1 else 2000,
             batch=4 if stage == 1 else 1,
             crop=512 if stage == 1 else 0,
             crop_on_moving=0.5,
@@ -119,7 +119,9 @@ def recipe(name: str, stage: int = 1, epoch_steps: int = PUBLISHED_EPOCH, **chan
             schedule="cosine",
             warmup=150,
             clip=10.0,
-            ema=0.995,
+            ema=0.998,
+            street_frames=10,
+            crops=3 if stage == 1 else 1,
             augmentation=SIM2REAL,
         )
     else:

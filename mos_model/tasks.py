@@ -60,11 +60,14 @@ class ImageTask(Task):
     def __init__(self, config: ModelConfig, weights: Tensor, device: torch.device) -> None:
         super().__init__(weights, device)
         self.config = replace(config, point_head=None)
-        self.trained = build_image_network(config).to(device)
+        # Channels last trains "rt" a sixth faster on a CPU, and the others no faster.
+        self.layout = torch.channels_last if config.network == "rt" else torch.contiguous_format
+        self.trained = build_image_network(config).to(device, memory_format=self.layout)
 
     def forward(self, trained: nn.Module, batch: list[Sample]) -> tuple[Tensor, Tensor]:
         """See `Task`."""
         image = self.to_device([sample.image for sample in batch])  # (B, 5 + lags, H, W)
+        image = image.contiguous(memory_format=self.layout)
         return trained(image).logits, self.to_device([sample.labels for sample in batch])
 
     def save(self, path: Path, training: dict[str, Any]) -> None:

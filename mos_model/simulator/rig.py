@@ -43,8 +43,8 @@ def draw_rig(rng: Random, profile: SensorProfile, vary: bool) -> Rig:
             profile.dropout, 0.0, profile.sensitivity, albedo, rough,
         )  # fmt: skip
     middle = elevation.mean()
-    elevation = middle + (elevation - middle) * (1 + 0.01 * noise.uniform(-1, 1))
-    elevation += np.radians(noise.uniform(-0.3, 0.3) + 0.03 * noise.standard_normal(profile.beams))
+    elevation = middle + (elevation - middle) * (1 + 0.03 * noise.uniform(-1, 1))
+    elevation += np.radians(noise.uniform(-0.4, 0.4) + 0.05 * noise.standard_normal(profile.beams))
     elevation = np.sort(elevation)[::-1].copy()
     tilt = math.radians(rng.gauss(0, 0.5)), math.radians(rng.gauss(0, 0.5))
     rough[3] = rng.choice((0.03, 0.1, 0.2, 0.35))

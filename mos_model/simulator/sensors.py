@@ -1,6 +1,6 @@
 """Spinning LiDAR sensors: beam pattern, timing, noise. Angles in degrees, lengths in m."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from runtime.errors import SettingError
 
@@ -14,6 +14,7 @@ class SensorProfile:
     azimuth_steps: int  # firings in one turn
     encoder_steps: int = 0  # positions that the encoder tells apart in one turn (0: every firing its own)
     rate: float = 10.0  # Hz, turns per second
+    spin_tolerance: float = 0.0  # share by which the motor may turn slower or faster, firings coming at their own pace
     min_range: float = 0.9  # m
     max_range: float = 80.0  # m, nothing is reported beyond
     mount_height: float = 1.73  # m above the road
@@ -39,24 +40,27 @@ class SensorProfile:
         """Number of rows."""
         return len(self.elevations)
 
+    def spinning(self, speed: float) -> "SensorProfile":
+        """The same sensor with a motor of `speed` times the nominal rate: fewer firings fit into a faster turn."""
+        return replace(self, rate=self.rate * speed, azimuth_steps=round(self.azimuth_steps / speed))
+
 
 def _even(top: float, bottom: float, count: int) -> tuple[float, ...]:
     return tuple(top + (bottom - top) * i / (count - 1) for i in range(count))
 
 
 def _hdl64e() -> tuple[float, ...]:
-    """Two blocks of 32 lasers, about 1/3 degree apart above and 1/2 degree below, as calibrated units have
-    them: alignment leaves each laser some hundredths of a degree beside its place."""
-    wobble = (4, -5, 6, -3, 2, -6, 5, -2, 3, -4, 1, 5, -3, 6, -5, 2)  # hundredths of a degree
-    upper = [1.95 - i * 10.65 / 31 for i in range(32)]
-    lower = [-9.05 - i * 15.95 / 31 for i in range(32)]
-    return tuple(e + 0.01 * wobble[(7 * i) % 16] for i, e in enumerate(upper + lower))
+    """Two blocks of 32 lasers, 1/3 degree apart from +2 down and 1/2 degree apart from -8.83 down (Velodyne,
+    HDL-64E S2 manual)."""
+    return tuple([2.0 - i / 3 for i in range(32)] + [-8.83 - i / 2 for i in range(32)])
 
 
 PROFILES: dict[str, SensorProfile] = {
     profile.name: profile
     for profile in (
-        SensorProfile("hdl64e", _hdl64e(), 2156, encoder_steps=4000, lifts=(0.204, 0.121), self_hidden=True),
+        SensorProfile(  # 20,833 firings/s; heights of the blocks as calibrated: ros-drivers/velodyne, 64e_s2.1-sztaki
+            "hdl64e", _hdl64e(), 2083, 4000, spin_tolerance=0.04, lifts=(0.203, 0.113), self_hidden=True
+        ),
         SensorProfile("hdl32e", _even(10.67, -30.67, 32), 2170, range_noise=0.02, max_range=70.0),
         SensorProfile("vlp16", _even(15.0, -15.0, 16), 1800, range_noise=0.02, max_range=100.0, sensitivity=4e-6),
         SensorProfile("os1-32", _even(21.2, -21.2, 32), 1024, range_noise=0.015, max_range=90.0),

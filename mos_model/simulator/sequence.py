@@ -54,6 +54,8 @@ class Simulation:
         if not isinstance(seed, int) or seed < 0:
             raise SettingError(f"seed must be a whole number of at least 0, not {seed!r}")
         rng = Random(seed)
+        if settings.sensor_variation and profile.spin_tolerance:
+            profile = profile.spinning(1 + rng.uniform(-1, 1) * profile.spin_tolerance)
         self.seed, self.profile, self.settings = seed, profile, settings
         self.times = np.arange(frames) / profile.rate
         self.conditions: Conditions = draw_conditions(rng, settings)

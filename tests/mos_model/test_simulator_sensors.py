@@ -16,10 +16,19 @@ def test_every_sensor_has_its_beams():
 
 def test_hdl64e_has_a_fine_and_a_coarse_block():
     elevation = np.array(PROFILES["hdl64e"].elevations)
-    assert elevation[0] == pytest.approx(2.0, abs=0.2)
-    assert elevation[-1] == pytest.approx(-24.9, abs=0.3)
-    assert np.diff(elevation[:32]).mean() == pytest.approx(-1 / 3, abs=0.02)
-    assert np.diff(elevation[32:]).mean() == pytest.approx(-1 / 2, abs=0.02)
+    assert elevation[0] == pytest.approx(2.0)
+    assert elevation[-1] == pytest.approx(-24.33)
+    assert np.diff(elevation[:32]).mean() == pytest.approx(-1 / 3, abs=1e-9)
+    assert np.diff(elevation[32:]).mean() == pytest.approx(-1 / 2, abs=1e-9)
+
+
+def test_a_faster_motor_leaves_fewer_firings_to_a_turn():
+    streets = [simulate(seed, 2) for seed in range(6)]
+    rates = np.array([street.profile.rate for street in streets])
+    steps = np.array([street.profile.azimuth_steps for street in streets])
+    assert rates.std() > 0.05
+    assert (np.abs(rates - 10) <= 0.4).all()
+    np.testing.assert_allclose(rates * steps, 20830, rtol=1e-3)
 
 
 @pytest.mark.parametrize("name", PROFILES)
