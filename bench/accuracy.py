@@ -1,16 +1,22 @@
-"""Accuracy of bundles through MosRunner, beside untrained baselines: `python -m bench.accuracy models/rt`."""
+"""Accuracy of bundles through MosRunner, beside what needs no training and another tool: `python -m bench.accuracy`.
 
-from collections.abc import Callable, Iterator
+Every bundle that ships with each of its post-processings; the threshold on residuals; and, where it is installed,
+dynamic-object-removal. All of them see the same scans.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
 import typer
 
-from bench.report import save, show
-from mos_model.metrics import Confusion
+from bench.peers import Label, peers, versions
+from bench.report import ROOT, save, show
 from mos_model.simulator import simulate
 from runtime import MosRunner
+from runtime.bundle import load_bundle
+from runtime.evaluation.confusion import Confusion
 from runtime.inputs import InputBuilder
 from runtime.labels import read_labels, to_classes
 from runtime.sensor import HISTORY, Residual, Sensor
@@ -59,22 +65,31 @@ def real(folder: Path, first: int = HISTORY, limit: int | None = None) -> Drive:
     return drive
 
 
-def score(drives: list[Drive], start: Callable[[], Labeller]) -> Confusion:
-    """One confusion matrix over all scored scans; `start` is called for every drive."""
-    confusion = Confusion()
+def score(drives: list[Drive], systems: Mapping[str, Callable[[], Labeller]]) -> dict[str, Confusion]:
+    """One confusion matrix over all scored scans for each system, which is started anew for every drive."""
+    found = {name: Confusion() for name in systems}
     for drive in drives:
-        label = start()
+        labellers = {name: start() for name, start in systems.items()}
         for scan in drive():
-            moving = label(scan)
-            if scan.scored:
-                confusion.add(scan.classes, np.where(moving, 2, 1))
-    return confusion
+            for name, label in labellers.items():
+                moving = label(scan)
+                if scan.scored:
+                    found[name].add(scan.classes, np.where(moving, 2, 1))
+    return found
 
 
 def with_runner(runner: MosRunner) -> Callable[[], Labeller]:
+    """A bundle; scans that are not scored are only remembered, which leaves the same history."""
+
+    def label(scan: Scan) -> np.ndarray:
+        if scan.scored:
+            return runner(scan.points, scan.pose).moving
+        runner.remember(scan.points, scan.pose)
+        return np.zeros(len(scan.points), bool)
+
     def start() -> Labeller:
         runner.reset()
-        return lambda scan: runner(scan.points, scan.pose).moving
+        return label
 
     return start
 
@@ -94,8 +109,35 @@ def residual_threshold() -> Labeller:
     return label
 
 
+def with_peer(start: Callable[[], Label]) -> Callable[[], Labeller]:
+    """Another tool, which sees every scan."""
+
+    def begin() -> Labeller:
+        label = start()
+        return lambda scan: label(scan.points, scan.pose)
+
+    return begin
+
+
+def shipped() -> list[Path]:
+    """Every bundle under models/."""
+    return sorted(manifest.parent for manifest in (ROOT / "models").glob("*/manifest.json"))
+
+
+def systems_of(bundles: list[Path], threads: int) -> dict[str, Callable[[], Labeller]]:
+    """The threshold, and every bundle with every post-processing that it has."""
+    systems: dict[str, Callable[[], Labeller]] = {"residual threshold, untrained": residual_threshold}
+    for bundle in bundles:
+        kinds = ["none", "knn"]
+        if load_bundle(bundle).manifest.point_head is not None:
+            kinds.append("head")
+        for kind in kinds:
+            systems[f"{bundle.name}, {kind}"] = with_runner(MosRunner(bundle, threads=threads, postprocess=kind))
+    return systems
+
+
 def bench(
-    bundles: Annotated[list[Path], typer.Argument(help="Bundles")],
+    bundles: Annotated[list[Path] | None, typer.Argument(help="Bundles", show_default="all under models/")] = None,
     kitti: Annotated[Path | None, typer.Option(help="Root of KITTI sequences 90 (labelled) and 00")] = None,
     streets: Annotated[int, typer.Option(help="Simulated test streets")] = 40,
     frames: Annotated[int, typer.Option(help="Scored scans of each")] = 3,
@@ -109,25 +151,28 @@ def bench(
     if kitti is not None:
         sets["real 90"] = [real(kitti / "sequences/90")]
         alarms["real 00, frames 8-10"] = [real(kitti / "sequences/00", limit=11)]
-    systems = {"residual threshold, untrained": residual_threshold}
-    for bundle in bundles:
-        kinds = ["none", "knn"]
-        if MosRunner(bundle, threads=threads, postprocess="none").bundle.manifest.point_head is not None:
-            kinds.append("head")
-        for kind in kinds:
-            systems[f"{bundle.name}, {kind}"] = with_runner(MosRunner(bundle, threads=threads, postprocess=kind))
-    rows: dict[str, dict[str, float]] = {}
-    for name, start in systems.items():
-        row = rows[name] = {}
-        for title, drives in sets.items():
-            found = score(drives, start)
+    others, left_out = peers()
+    systems = systems_of(bundles or shipped(), threads)
+    systems |= {name: with_peer(start) for name, start in others.items()}
+    rows: dict[str, dict[str, float | None]] = {name: {} for name in systems}
+    for title, drives in sets.items():
+        for name, found in score(drives, systems).items():
             for measure in ("iou", "precision", "recall"):
-                row[f"{title} {measure}"] = round(100 * getattr(found, measure), 2)
-        for title, drives in alarms.items():
-            matrix = score(drives, start).matrix
-            row[f"{title} false alarms"] = round(100 * matrix[1, 2] / max(1, matrix[1].sum()), 4)
+                rows[name][f"{title} {measure}"] = percent(getattr(found, measure), 2)
+    for title, drives in alarms.items():
+        for name, found in score(drives, systems).items():
+            matrix = found.matrix
+            rows[name][f"{title} false alarms"] = percent(matrix[1, 2] / max(1, matrix[1].sum()), 4)
     show("moving class, %", rows)
-    save(out, threads, {"streets": streets, "frames": frames, "quiet": quiet, "percent": rows})
+    for name, reason in left_out.items():
+        typer.echo(f"left out: {name}: {reason}")
+    setting = {"streets": streets, "frames": frames, "quiet": quiet}
+    save(out, threads, {**setting, "percent": rows, "left_out": left_out, "peers": versions()})
+
+
+def percent(share: float, digits: int) -> float | None:
+    """A share in %; None where it is undefined (NaN)."""
+    return None if np.isnan(share) else round(100 * float(share), digits)
 
 
 if __name__ == "__main__":

@@ -168,6 +168,22 @@ def pixel_shuffle(t: "Tracer", shape: Shape, x: Tensor, factor: int) -> str:
     return t.graph.add("DepthToSpace", [t.name(x)], shape, blocksize=factor, mode="CRD")
 
 
+@emits("upsample_nearest2d")
+def nearest(t: "Tracer", shape: Shape, x: Tensor, size: list[int], *_: Any) -> str:
+    """By whole factors, which ONNX Runtime does in its blocked layout."""
+    factors = [n / m for n, m in zip(shape, x.shape, strict=True)]
+    if any(factor % 1 for factor in factors):
+        raise SettingError(f"export/emitters.py knows nearest neighbours by whole factors only, not {factors}")
+    return t.graph.add(
+        "Resize",
+        [t.name(x), "", t.graph.weight("factors", np.asarray(factors, np.float32))],
+        shape,
+        mode="nearest",
+        coordinate_transformation_mode="asymmetric",
+        nearest_mode="floor",
+    )
+
+
 @emits("view", "_unsafe_view", "reshape", "unsqueeze", "squeeze")
 def reshape(t: "Tracer", shape: Shape, x: Tensor, *_: Any) -> str:
     return t.graph.add("Reshape", [t.name(x), integers(t, list(shape))], shape)

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 from runtime.errors import SettingError
-from runtime.head_config import FULL, LITE, PointHeadConfig
+from runtime.head_config import FULL, LITE, SMALL, PointHeadConfig
 from runtime.sensor import Residual, Sensor
 
 T = TypeVar("T")
@@ -82,6 +82,7 @@ _NAMED: dict[str, dict[str, Any]] = {
         "residual": Residual(kind="signed"),
     },
 }
+_NAMED["rt-head"] = _NAMED["rt"] | {"point_head": SMALL}
 NAMES = tuple(_NAMED)
 
 

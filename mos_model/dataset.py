@@ -67,15 +67,13 @@ class SampleConfig:
     augmentation: Augmentation = NONE
     crop: int = 0  # columns of the part of the image that is kept; 0: all
     crop_on_moving: float = 0.0  # share of the crops that hold a mover, if the image has one
-    points: bool = False  # give the points too (for the point head); not with a crop
+    points: bool = False  # give the points too (for the point head), those of the crop
 
     def __post_init__(self) -> None:
         if self.crop and (self.crop % 16 or not 16 <= self.crop <= self.sensor.width):
             raise SettingError(
                 f"crop must be a multiple of 16 up to the image width {self.sensor.width}, not {self.crop}"
             )
-        if self.crop and self.points:
-            raise SettingError("the point head trains on whole scans: crop must be 0")
 
 
 def make_samples(
@@ -96,16 +94,24 @@ def make_samples(
     builder = InputBuilder(config.sensor, config.residual, Workers(1))
     built = builder.build(made.points, made.past, made.relative)
     labels = np.where(built.first < 0, np.uint8(0), made.labels[built.first])
+    whole = Sample(built.image, labels, _NOWHERE, _NO_PIXEL, _NO_CLASS)
     if config.points:
-        return [Sample(built.image, labels, made.points[:, :3].copy(), built.pixel, made.labels)]
-    nothing = np.empty((0, 3), np.float32), np.empty(0, np.int32), np.empty(0, np.uint8)
+        whole = Sample(built.image, labels, made.points[:, :3].copy(), built.pixel, made.labels)
     if not config.crop:
-        return [Sample(built.image, labels, *nothing)]
-    samples = []
-    for _ in range(crops):
-        columns = _draw_columns(labels, config, rng)
-        samples.append(Sample(built.image[:, :, columns], labels[:, columns], *nothing))
-    return samples
+        return [whole]
+    return [_cropped(whole, _draw_columns(labels, config, rng)) for _ in range(crops)]
+
+
+_NOWHERE, _NO_PIXEL, _NO_CLASS = np.empty((0, 3), np.float32), np.empty(0, np.int32), np.empty(0, np.uint8)
+
+
+def _cropped(sample: Sample, columns: NDArray[np.int64]) -> Sample:
+    """The part of a sample in some neighbouring columns of its image."""
+    width, crop = sample.labels.shape[1], len(columns)
+    column = (sample.pixel % width - columns[0]) % width
+    kept = column < crop
+    pixel = (sample.pixel // width * crop + column)[kept].astype(np.int32)
+    return Sample(sample.image[:, :, columns], sample.labels[:, columns], sample.xyz[kept], pixel, sample.classes[kept])
 
 
 def _draw_columns(labels: NDArray[np.uint8], config: SampleConfig, rng: np.random.Generator) -> NDArray[np.int64]:

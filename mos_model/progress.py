@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mos_model.losses import Loss
-from mos_model.metrics import Confusion
+from runtime.evaluation.confusion import Confusion
 
 
 class Display:

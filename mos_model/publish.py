@@ -1,10 +1,11 @@
-"""From the checkpoint of a run to the one that ships: `python -m mos_model.publish RUN/best.pt OUT/checkpoint.pt`.
+"""From the checkpoint of a run to the one that ships: `python -m mos_model.publish RUN/last.pt OUT/checkpoint.pt`.
 
 Keeps the tensors in half precision and chooses, on simulated streets that neither training nor validation saw, the
-probability from which a pixel counts as moving. Their traffic is light, as on most streets; training streets have more
-movers than life, and a threshold chosen on them would raise false alarms.
+probabilities from which a pixel, and a point of the point head, count as moving. Their traffic is light, as on most
+streets; training streets have more movers than life, and a threshold chosen on them would raise false alarms.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,44 +13,72 @@ import numpy as np
 import torch
 import typer
 from numpy.typing import NDArray
-from torch import nn
 
-from mos_model.checkpoint import load, save
-from mos_model.dataset import SampleConfig, SimulatedStreets
+from mos_model.checkpoint import Checkpoint, load, save
+from mos_model.dataset import Sample, SampleConfig, SimulatedStreets
 from mos_model.labels import MOVING, STATIC
+from runtime.runner import CANDIDATE
 
 CALIBRATION_STREETS = 15_000_000  # seeds from here on choose thresholds; validation has those below
 BINS = 200
 LIGHT_TRAFFIC = 0.35  # of the usual density
 
 
-def moving_histogram(network: nn.Module, streets: SimulatedStreets, count: int) -> NDArray[np.int64]:
-    """(2, BINS) pixels of the static and of the moving class by their probability of moving, over `count` streets."""
-    found = np.zeros((2, BINS), np.int64)
-    for number in range(count):
-        for sample in streets.group(number):
-            with torch.inference_mode():
-                logits = network(torch.from_numpy(sample.image[None])).logits[0]
-            p = logits.softmax(0)[MOVING].numpy()
-            bins = np.minimum((p * BINS).astype(np.int64), BINS - 1)
-            for row, label in enumerate((STATIC, MOVING)):
-                found[row] += np.bincount(bins[sample.labels == label], minlength=BINS)
-    return found
+class Histogram:
+    """Probabilities of moving, counted for the static and the moving class."""
+
+    def __init__(self) -> None:
+        self.counts = np.zeros((2, BINS), np.int64)
+
+    def add(self, probability: NDArray[np.float32], labels: NDArray[np.uint8]) -> None:
+        """Count probabilities and labels of the same shape."""
+        bins = np.minimum((probability * BINS).astype(np.int64), BINS - 1)
+        for row, label in enumerate((STATIC, MOVING)):
+            self.counts[row] += np.bincount(bins[labels == label], minlength=BINS)
+
+    def best_threshold(self) -> tuple[float, float]:
+        """The threshold of highest IoU of the moving class, and that IoU."""
+        false = self.counts[0][::-1].cumsum()[::-1]  # static ones at or above the lower edge of each bin
+        hit = self.counts[1][::-1].cumsum()[::-1]
+        iou = hit / np.maximum(1, self.counts[1].sum() + false)
+        best = int(iou.argmax())
+        return best / BINS, float(iou[best])
 
 
-def best_threshold(histogram: NDArray[np.int64]) -> tuple[float, float]:
-    """The threshold of highest IoU of the moving class, and that IoU."""
-    false = histogram[0][::-1].cumsum()[::-1]  # static pixels at or above the lower edge of each bin
-    hit = histogram[1][::-1].cumsum()[::-1]
-    iou = hit / np.maximum(1, histogram[1].sum() + false)
-    best = int(iou.argmax())
-    return best / BINS, float(iou[best])
+@torch.no_grad()
+def probabilities(found: Checkpoint, sample: Sample) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Probability of moving of the pixels (H, W), and of the points (N,) as the runtime refines them."""
+    output = found.image_net(torch.from_numpy(sample.image[None]))
+    image = output.logits[0].softmax(0)[MOVING]  # (H, W)
+    points = image.flatten()[torch.from_numpy(sample.pixel).long()]  # (N,)
+    if found.point_head is not None:
+        grid = found.point_head.grid(torch.from_numpy(sample.xyz))
+        features = output.features[0].flatten(1)[:, torch.from_numpy(sample.pixel).long()].T  # (N, c)
+        refined = found.point_head(grid, features).softmax(1)[:, MOVING]
+        points = torch.where(points > CANDIDATE, refined, 0.0)
+    return image.numpy(), points.numpy()
+
+
+def calibrate(found: Checkpoint, streets: int, frames: int = 2) -> tuple[Histogram, Histogram]:
+    """Histograms of pixels and of points over calibration streets."""
+    samples = SampleConfig(found.config.sensor, found.config.residual, points=True)
+    source = SimulatedStreets(
+        samples, frames=frames, every=4, first_street=CALIBRATION_STREETS, movers=LIGHT_TRAFFIC
+    )
+    pixels, points = Histogram(), Histogram()
+    for number in range(streets):
+        for sample in source.group(number):
+            image, refined = probabilities(found, sample)
+            pixels.add(image, sample.labels)
+            points.add(refined, sample.classes)
+    return pixels, points
 
 
 def publish(
     checkpoint: Annotated[Path, typer.Argument(help="Checkpoint of a run")],
     out: Annotated[Path, typer.Argument(help="Checkpoint that ships")],
-    streets: Annotated[int, typer.Option(help="Simulated streets that choose the threshold")] = 40,
+    streets: Annotated[int, typer.Option(help="Simulated streets that choose the thresholds")] = 40,
+    name: Annotated[str | None, typer.Option(help="Of the bundle", show_default="the network's")] = None,
     postprocess: Annotated[str | None, typer.Option(help="none, knn or head: the bundle's default")] = None,
     data: Annotated[str, typer.Option(help="What the weights were trained on, for the manifest")] = (
         "simulated streets of mos_model.simulator"
@@ -57,18 +86,22 @@ def publish(
 ) -> None:
     """Write the checkpoint that ships."""
     found = load(checkpoint)
-    config = found.config
-    samples = SampleConfig(config.sensor, config.residual)
-    source_of = SimulatedStreets(samples, frames=2, every=4, first_street=CALIBRATION_STREETS, movers=LIGHT_TRAFFIC)
-    threshold, iou = best_threshold(moving_histogram(found.image_net, source_of, streets))
-    typer.echo(f"threshold {threshold:.3f}: moving IoU {100 * iou:.1f} of the pixels of {streets} calibration streets")
+    pixels, points = calibrate(found, streets)
+    threshold, iou = pixels.best_threshold()
+    typer.echo(f"pixels: threshold {threshold:.3f}, moving IoU {100 * iou:.1f} on {streets} calibration streets")
+    head_threshold = None
+    if found.point_head is not None:
+        head_threshold, iou = points.best_threshold()
+        typer.echo(f"point head: threshold {head_threshold:.3f}, moving IoU {100 * iou:.1f}")
     training = {
         "threshold": threshold,
+        "head_threshold": head_threshold,
         "postprocess": postprocess or ("head" if found.point_head is not None else "knn"),
         "trained": True,
         "data": data,
         "step": found.training.get("step"),
     }
+    config = found.config if name is None else replace(found.config, name=name)
     out.parent.mkdir(parents=True, exist_ok=True)
     save(out, config, found.image_net, found.point_head, training, half=True)
     typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")

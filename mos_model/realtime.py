@@ -2,8 +2,8 @@
 
 Two branches, motion-guided attention at every scale and an image head, as in the paper (Sec. III-B). What differs:
 convolution -> BatchNorm -> ReLU, so that BatchNorm folds into the convolution; strided convolutions instead of
-pooling; the first one halves the width, the last one restores it by a pixel shuffle of columns; skips are added, not
-concatenated; the channel gate is a sigmoid; residuals are clipped.
+pooling; the first one halves the width, and the logits of two neighbouring columns come from one feature; nearest
+neighbours on the way up; skips are added, not concatenated; the channel gate is a sigmoid; residuals are clipped.
 """
 
 from itertools import pairwise
@@ -53,15 +53,15 @@ class Attention(nn.Module):
 
 
 class Up(nn.Module):
-    """Twice the resolution by a pixel shuffle, joined with the skip."""
+    """Twice the resolution, joined with the skip."""
 
     def __init__(self, i: int, o: int) -> None:
         super().__init__()
-        self.expand = nn.Conv2d(i, 4 * o, 1)
+        self.reduce = nn.Conv2d(i, o, 1)
         self.conv = conv(o, o)
 
     def forward(self, x: Tensor, skip: Tensor) -> Tensor:
-        up = nn.functional.pixel_shuffle(self.expand(x), 2)  # (B, o, 2H, 2W)
+        up = nn.functional.interpolate(self.reduce(x), scale_factor=2.0, mode="nearest")  # (B, o, 2H, 2W)
         return self.conv(torch.relu(up + skip))  # (B, o, 2H, 2W)
 
 
@@ -83,8 +83,8 @@ class RealtimeNet(nn.Module):
         self.attention = nn.ModuleList(Attention(c) for c in widths)
         self.middle = Residual3x3(widths[-1])
         self.up = nn.ModuleList(Up(o, i) for i, o in reversed(pairs))
-        self.widen = nn.Conv2d(first, 2 * features, 1)
-        self.logits = nn.Conv2d(features, CLASSES, 1)
+        self.features = nn.Conv2d(first, features, 1)
+        self.logits = nn.Conv2d(features, 2 * CLASSES, 1)
 
     def forward(self, image: Tensor) -> ImageOutput:
         """image (B, 5 + L, H, W) float32, H and W multiples of 16."""
@@ -107,8 +107,9 @@ class RealtimeNet(nn.Module):
         x = self.middle(skips.pop())  # (B, w3, H/8, W/16)
         for up, skip in zip(self.up, reversed(skips), strict=True):
             x = up(x, skip)  # ... (B, w0, H, W/2)
-        x = self.widen(x)  # (B, 2f, H, W/2)
-        batch, _, height, width = x.shape
-        x = x.view(batch, 2, -1, height, width).permute(0, 2, 3, 4, 1)  # (B, f, H, W/2, 2)
-        features = torch.relu(x.reshape(batch, -1, height, 2 * width))  # (B, f, H, W)
-        return ImageOutput(self.logits(features), features)
+        x = torch.relu(self.features(x))  # (B, f, H, W/2)
+        pairs = self.logits(x)  # (B, 6, H, W/2): each class at the even and at the odd column
+        batch, _, height, width = pairs.shape
+        pairs = pairs.view(batch, CLASSES, 2, height, width).permute(0, 1, 3, 4, 2)  # (B, 3, H, W/2, 2)
+        logits = pairs.reshape(batch, CLASSES, height, 2 * width)  # (B, 3, H, W)
+        return ImageOutput(logits, nn.functional.interpolate(x, scale_factor=(1.0, 2.0), mode="nearest"))

@@ -109,9 +109,9 @@ def recipe(name: str, stage: int = 1, epoch_steps: int = PUBLISHED_EPOCH, **chan
         config = TrainConfig(
             recipe="sim2real",
             stage=stage,
-            steps=9000 if stage == 1 else 2000,
-            batch=4 if stage == 1 else 1,
-            crop=512 if stage == 1 else 0,
+            steps=8000 if stage == 1 else 1500,
+            batch=4 if stage == 1 else 2,
+            crop=512,
             crop_on_moving=0.5,
             optimizer="adamw",
             learning_rate=0.003 if stage == 1 else 0.002,
@@ -121,7 +121,7 @@ def recipe(name: str, stage: int = 1, epoch_steps: int = PUBLISHED_EPOCH, **chan
             clip=10.0,
             ema=0.998,
             street_frames=10,
-            crops=3 if stage == 1 else 1,
+            crops=3,
             augmentation=SIM2REAL,
         )
     else:

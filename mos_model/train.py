@@ -21,7 +21,7 @@ def train_command(
         str,
         typer.Option(help="Of the images, and of the simulator: hdl64e, hdl32e, vlp16, os1-32, os1-64, os1-128"),
     ] = "hdl64e",
-    config: Annotated[str, typer.Option(help="Network: lmnet, b, c, d, e, v1, v2, v2-lite, rt")] = "v1",
+    config: Annotated[str, typer.Option(help="Network: lmnet, b, c, d, e, v1, v2, v2-lite, rt, rt-head")] = "v1",
     channels: Annotated[int, typer.Option(help="Width of the image network")] = 32,
     recipe: Annotated[str, typer.Option(help="'paper' or 'sim2real'")] = "paper",
     stage: Annotated[int, typer.Option(help="1: image network; 2: point head, image network frozen")] = 1,

@@ -18,13 +18,13 @@ from torch.nn.parallel import DistributedDataParallel
 from mos_model.dataset import Sample, Source
 from mos_model.distributed import Ranks
 from mos_model.losses import Loss
-from mos_model.metrics import Confusion
 from mos_model.progress import Display
 from mos_model.recipe import TrainConfig
 from mos_model.stream import Stream
 from mos_model.tasks import Task
 from mos_model.validation import Validation, evaluate_task
 from runtime.errors import TrainingError
+from runtime.evaluation.confusion import Confusion
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import torch
 
 from mos_model.dataset import Sample, Source
 from mos_model.distributed import Ranks
-from mos_model.metrics import Confusion
 from mos_model.tasks import Task
+from runtime.evaluation.confusion import Confusion
 
 AHEAD = 2  # groups that are made while others are scored
 

@@ -153,6 +153,62 @@ def doctor(
     raise typer.Exit(1 if bad else 0)
 
 
+@app.command("eval")
+def evaluate(
+    predictions: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PREDICTIONS",
+            help="Root with sequences/NN/predictions/*.label, as mos run and other tools write it, or one such folder.",
+        ),
+    ],
+    truth: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="TRUTH", help="Root of the data set, sequences/NN/labels/*.label, or one such sequence."
+        ),
+    ] = None,
+    sequence: Names = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write the scores to a file too.")] = None,
+    archive: Annotated[
+        Path | None,
+        typer.Option(
+            "--zip",
+            metavar="OUT.zip",
+            help="Instead of scoring, check and pack the submission to the benchmark: sequences 11 to 21, or those of "
+            "--sequence. TRUTH, if given, tells the scans.",
+        ),
+    ] = None,
+) -> None:
+    """Score predictions of any tool by the protocol of SemanticKITTI-MOS, or pack them for its server (--zip)."""
+    names = tuple(sequence or ())
+    if archive is not None and out is not None:
+        raise typer.BadParameter("--out takes scores, and --zip packs without scoring: give one of them")
+    if archive is None and truth is None:
+        raise typer.BadParameter("TRUTH is missing: the root of the data set with labels (or --zip OUT.zip)")
+
+    from runtime.evaluation.table import show_packed, show_scores
+    from runtime.progress import counted
+
+    if archive is not None:
+        from runtime.evaluation.submission import check, pack
+
+        submission = check(predictions, truth, names)
+        with counted("files") as progress:
+            pack(submission, archive, progress)
+        show_packed(submission, archive)
+    elif truth is not None:
+        from runtime.evaluation.layout import pair
+        from runtime.evaluation.report import save_scores, score
+
+        frames = pair(predictions, truth, names)
+        with counted("scans") as progress:
+            report = score(frames, progress)
+        show_scores(report)
+        if out is not None:
+            save_scores(out, report)
+
+
 @app.command()
 def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="New folder for sequences/NN.")],
@@ -168,6 +224,85 @@ def simulate(
     with counted("scans") as progress:
         done = simulate_command(out, sequences, frames, seed, sensor, progress)
     typer.echo(done)
+
+
+@app.command()
+def view(
+    path: Input,
+    predictions: Annotated[
+        Path | None,
+        typer.Option(help="Root or folder of .label files, of any tool.", show_default="what the bundle says now"),
+    ] = None,
+    compare: Annotated[
+        Path | None, typer.Option(help="The same of a second system, shown beside the first.", show_default=False)
+    ] = None,
+    scan: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Position of the scan in the sequence, from 0; the first one of a .gif or .rrd.",
+            show_default="middle of the sequence; 0",
+        ),
+    ] = None,
+    count: Annotated[int, typer.Option(min=1, help="Scans of a .gif or .rrd.")] = 30,
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="Picture .png, animation .gif, or 3D recording .rrd for Rerun.")
+    ] = Path("view.png"),
+    show: Annotated[bool, typer.Option("--show", help="Open the recording in Rerun's viewer.")] = False,
+    bundle: Bundle = None,
+    threads: Annotated[int, typer.Option(min=1, help="Threads to use.")] = 2,
+    sequence: Annotated[str | None, typer.Option(help="Sequence under a root.", show_default="the only one")] = None,
+    poses: Poses = None,
+    pose_frame: Frame = None,
+    calib: Calib = None,
+) -> None:
+    """Draw what moves: found, missed and false movers where there are labels (extra 'view')."""
+    from runtime.pictures import check_output
+    from runtime.pictures.command import check_viewer, open_viewer
+    from runtime.pictures.command import view as draw
+    from runtime.progress import counted
+    from runtime.sequence import find_sequences, open_sequence
+
+    check_output(out)
+    if show:
+        check_viewer(out)
+    folders = find_sequences(path, (sequence,) if sequence else ())
+    if len(folders) > 1:
+        names = ", ".join(folder.name for folder in folders)
+        raise SettingError(f"{path}: has the sequences {names}; pick one by --sequence")
+    opened = open_sequence(folders[0], poses, calib, pose_frame)
+    with counted("scans") as progress:
+        draw(
+            opened,
+            out,
+            predictions=predictions,
+            compare=compare,
+            scan=scan,
+            count=count,
+            bundle=bundle,
+            threads=threads,
+            on_progress=progress,
+        )
+    typer.echo(str(out))
+    if show:
+        open_viewer(out)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the street, the predictions and pictures.")] = Path("demo"),
+    scans: Annotated[int, typer.Option(min=1, help="Scans to simulate.")] = 30,
+    bundle: Bundle = None,
+    threads: Annotated[int, typer.Option(min=1, help="Threads to use.")] = 2,
+) -> None:
+    """See the main job in a minute: simulate a street, find what moves in it, draw it."""
+    from runtime.demo import run_demo
+    from runtime.progress import stages
+    from runtime.tables import show_demo
+
+    with stages() as report:
+        done = run_demo(out, scans, bundle, threads, report)
+    show_demo(done)
 
 
 PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}  # to the command's own parser

@@ -30,3 +30,6 @@ class PointHeadConfig:
 
 FULL = PointHeadConfig()
 LITE = PointHeadConfig(down=(64, 128), up=(96, 96), fuse_after_up=None, dropout=0.0)
+SMALL = PointHeadConfig(
+    in_channels=16, down=(16, 32), up=(32, 16), fuse_after_up=None, dropout=0.0, voxel_size=0.1, reduce="mean"
+)  # for real time

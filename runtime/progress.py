@@ -11,7 +11,9 @@ from rich.progress import (
     Progress,
     ProgressColumn,
     Task,
+    TaskID,
     TextColumn,
+    TimeElapsedColumn,
     TimeRemainingColumn,
 )
 from rich.text import Text
@@ -36,6 +38,23 @@ def counted(what: str) -> Iterator[Callable[[int, int], None]]:
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task(what, total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+@contextmanager
+def stages() -> Iterator[Callable[[str, int, int, str], None]]:
+    """A bar for each stage of `report(stage, done, total, kernel)`, saying which kernel is being compiled."""
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    note = TextColumn("[dim]{task.fields[note]}")
+    with Progress(*columns, note, console=Console(stderr=True)) as progress:
+        tasks: dict[str, TaskID] = {}
+
+        def show(stage: str, done: int, total: int, kernel: str) -> None:
+            if stage not in tasks:
+                tasks[stage] = progress.add_task(stage, note="")
+            note = f"compiling {kernel}, once on this machine" if kernel else ""
+            progress.update(tasks[stage], completed=done, total=total, note=note)
+
+        yield show
 
 
 def predict_with_progress(sequence: Sequence, runner: MosRunner, out: Path, overwrite: bool) -> Summary:

@@ -14,6 +14,7 @@ from runtime.finding import Finding, percent
 
 if TYPE_CHECKING:
     from runtime.bundle import Bundle
+    from runtime.demo import Demo
     from runtime.predict import Summary
 
 COLOURS = {"ok": "green", "warn": "yellow", "bad": "red"}
@@ -37,6 +38,41 @@ def show_summary(name: str, summary: "Summary") -> None:
     console.print(f"predictions: {summary.folder}", highlight=False, soft_wrap=True)
 
 
+def show_demo(demo: "Demo") -> None:
+    """What was found and how fast, where the pictures are, and what to try next."""
+    console, scores, summary = Console(), demo.scores, demo.summary
+    milliseconds = 1000 * np.asarray(summary.latency["scan"])
+    median, p95 = np.percentile(milliseconds, [50, 95])
+    points = summary.points / summary.scans
+    rows = {
+        "moving points": f"IoU {_share(scores.iou)}, precision {_share(scores.precision)}, "
+        f"recall {_share(scores.recall)} of {summary.scans} scans of one street",
+        "a scan": f"{median:.0f} ms (95th percentile {p95:.0f} ms) for {points:,.0f} points, read and written",
+        "scans a second": f"{1000 / milliseconds.mean():.1f}",
+        "pictures": " ".join(map(str, demo.pictures)) or demo.no_pictures,
+        "labels": str(summary.folder),
+        "all of it": f"{demo.seconds:.0f} s",
+    }
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for key, text in rows.items():
+        table.add_row(Text(key, style="bold"), Text(text))
+    console.print(table)
+    out = demo.sequence.parents[2]
+    console.print("next:", style="bold")
+    for command, what in (
+        ("mos doctor YOUR_SEQUENCE", "does your data fit? (KITTI layout, or a folder of scans with poses.txt)"),
+        ("mos run YOUR_SEQUENCE", "a label for every point of it"),
+        ("mos view YOUR_SEQUENCE --predictions predictions --out it.gif", "look at them"),
+        (f"mos eval {out / 'predictions'} {out / 'street'}", "the scores above by range and class"),
+    ):
+        console.print(f"  {command}", soft_wrap=True, highlight=False)
+        console.print(f"      {what}", style="dim", soft_wrap=True, highlight=False)
+
+
+def _share(value: float) -> str:
+    return "undefined (nothing moves)" if np.isnan(value) else f"{100 * value:.1f} %"
+
+
 def show_findings(folder: Path, findings: list[Finding]) -> None:
     """A line a finding, and how many are not ok."""
     console = Console()
@@ -49,11 +85,15 @@ def show_findings(folder: Path, findings: list[Finding]) -> None:
     console.print(f"{bad} bad, {warn} to look at" if bad or warn else "all well", highlight=False)
 
 
+def _decision(threshold: float | None) -> str:
+    return "the most likely class" if threshold is None else f"moving from {threshold:g} on"
+
+
 def show_bundle(bundle: "Bundle") -> None:
     """Everything that the manifest says."""
     manifest = bundle.manifest
     sensor, residual, head = manifest.sensor, manifest.residual, manifest.point_head
-    threshold = manifest.decision.threshold
+    decision = manifest.decision
     rows = {
         "bundle": f"{manifest.name}, format {manifest.format}",
         "folder": str(bundle.path.resolve()),
@@ -64,7 +104,7 @@ def show_bundle(bundle: "Bundle") -> None:
         "residuals": f"{residual.kind}, lags {_numbers(residual.lags)}, {residual.min_range:g} to "
         f"{residual.max_range:g} m",
         "point head": "none" if head is None else _words(asdict(head)),
-        "decision": "the most likely class" if threshold is None else f"moving from {threshold:g} on",
+        "decision": f"pixels: {_decision(decision.threshold)}; point head: {_decision(decision.head_threshold)}",
         "postprocess": f"{manifest.postprocess} unless told otherwise",
         **{name: f"{entry.bytes / 1e6:.2f} MB, {entry.precision}" for name, entry in manifest.files.items()},
         "parity": _words(manifest.parity) or "not measured",

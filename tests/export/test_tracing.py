@@ -59,6 +59,7 @@ OPERATIONS = {
     "activations": lambda x: F.leaky_relu(x, 0.2) + torch.relu(x).relu_() + x.tanh() + x.sigmoid(),
     "limits": lambda x: x.clamp(-0.5, 0.5) + x.clamp(min=0.1) + x.clamp(max=0.2),
     "larger and smaller": lambda x: torch.maximum(x, x.exp()) + torch.minimum(x, x.tanh()),
+    "nearest": lambda x: F.interpolate(x, scale_factor=(2.0, 1.0), mode="nearest"),
     "pixel shuffle": lambda x: F.pixel_shuffle(x[:, :4], 2),
     "shapes": lambda x: x.view(1, 2, 3, 16, 32).permute(0, 2, 3, 4, 1).reshape(1, 3, 16, 64),
     "mean": lambda x: x * x.mean((2, 3), keepdim=True) + x.mean(1, keepdim=True),

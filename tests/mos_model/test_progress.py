@@ -8,8 +8,8 @@ from rich.console import Console
 
 from mos_model import progress
 from mos_model.losses import Loss
-from mos_model.metrics import Confusion
 from mos_model.progress import Display
+from runtime.evaluation.confusion import Confusion
 
 LOSS = Loss(*(torch.tensor(value) for value in (1.5, 1.0, 0.5)))
 

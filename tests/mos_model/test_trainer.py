@@ -14,13 +14,13 @@ import torch
 from mos_model import checkpoint
 from mos_model.config import NAMES
 from mos_model.distributed import Ranks, join_ranks
-from mos_model.metrics import Confusion
 from mos_model.progress import Display
 from mos_model.recipe import TrainConfig, recipe
 from mos_model.tasks import ImageTask, PointTask
 from mos_model.trainer import Limits, Trainer, choose_precision
 from mos_model.validation import Validation, evaluate_task
 from runtime.errors import OutputError, TrainingError
+from runtime.evaluation.confusion import Confusion
 from tests.mos_model.training import Patches, tiny_model
 
 CPU = Ranks(torch.device("cpu"))

@@ -24,22 +24,24 @@ class Confusion:
     @property
     def iou(self) -> float:
         """Intersection over union of the moving class; NaN where neither labels nor predictions hold one."""
-        hit, missed, false = self._moving()
+        hit, missed, false = self.movers
         return _ratio(hit, hit + missed + false)
 
     @property
     def precision(self) -> float:
         """Share of the predicted movers that move."""
-        hit, _, false = self._moving()
+        hit, _, false = self.movers
         return _ratio(hit, hit + false)
 
     @property
     def recall(self) -> float:
         """Share of the movers that were found."""
-        hit, missed, _ = self._moving()
+        hit, missed, _ = self.movers
         return _ratio(hit, hit + missed)
 
-    def _moving(self) -> tuple[int, int, int]:
+    @property
+    def movers(self) -> tuple[int, int, int]:
+        """Counts of the moving class: found ones, missed ones, false alarms."""
         m = self.matrix[1:]
         hit = int(m[-1, MOVING])
         return hit, int(m[-1].sum()) - hit, int(m[:, MOVING].sum()) - hit

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import confusion_matrix, jaccard_score, precision_score, recall_score
 
-from mos_model.metrics import Confusion
+from runtime.evaluation.confusion import Confusion
 
 
 def test_scores_equal_scikit_learn():

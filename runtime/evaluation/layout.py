@@ -1,0 +1,106 @@
+"""Which prediction belongs to which truth and which scan."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from runtime.errors import SequenceError
+from runtime.finding import some
+from runtime.scans import SUFFIXES
+
+MOST = 10  # problems that a message names one by one
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One scan to score."""
+
+    sequence: str
+    prediction: Path
+    truth: Path
+    scan: Path | None  # None: the data set has no scans
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Everything to score, and what is left out of it."""
+
+    predictions: Path
+    truth: Path
+    frames: tuple[Frame, ...]
+    notes: tuple[str, ...]
+
+
+def find_labels(path: str | Path, inner: str, names: tuple[str, ...] = ()) -> dict[str, Path]:
+    """Folders of .label files by sequence: `path/sequences/NN/inner`, `path/NN/inner`, `path/inner` or `path` itself.
+
+    inner: "predictions" or "labels". names: pick these sequences. Raises SequenceError where there is none.
+    """
+    path = Path(path).resolve()
+    if not path.is_dir():
+        raise SequenceError(
+            f"{path}: is no folder; give a root with sequences/NN/{inner} or the folder of one sequence"
+        )
+    if (path / inner).is_dir():
+        found = {path.name: path / inner}
+    elif any(path.glob("*.label")):
+        found = {path.parent.name if path.name == inner else path.name: path}
+    else:
+        root = path / "sequences" if (path / "sequences").is_dir() else path
+        found = {folder.name: folder / inner for folder in sorted(root.iterdir()) if (folder / inner).is_dir()}
+    if not found:
+        raise SequenceError(f"{path}: holds neither sequences/NN/{inner} nor {inner} nor .label files")
+    if missing := [name for name in names if name not in found]:
+        raise SequenceError(f"{path}: has no {inner} of sequence {', '.join(missing)}; there are {some(list(found))}")
+    return {name: found[name] for name in names} if names else found
+
+
+def pair(predictions: str | Path, truth: str | Path, names: tuple[str, ...] = ()) -> Frames:
+    """Every scan that has labels under `truth`, with its prediction; of the sequences that are predicted.
+
+    Raises SequenceError naming each sequence without labels and each scan without a prediction.
+    """
+    guessed, true = find_labels(predictions, "predictions", names), find_labels(truth, "labels")
+    if len(guessed) == len(true) == 1 and not names:  # two folders of one sequence may be called as they like
+        guessed = dict(zip(true, guessed.values(), strict=True))
+    problems = [
+        f"sequence {name}: no labels of it under {truth}; pick others by --sequence"
+        for name in guessed
+        if name not in true
+    ]
+    frames: list[Frame] = []
+    notes = []
+    for name in sorted(guessed.keys() & true.keys()):
+        made, known = by_stem(guessed[name]), by_stem(true[name])
+        if not known:
+            problems.append(f"{true[name]}: holds no .label files")
+        problems += [f"{guessed[name] / file.name}: missing" for stem, file in known.items() if stem not in made]
+        if extra := made.keys() - known.keys():
+            notes.append(f"sequence {name}: {len(extra)} predictions of scans without labels are left out")
+        scans = scans_of(true[name])
+        frames += [Frame(name, made[s], known[s], scans.get(s)) for s in known if s in made]
+    if rest := sorted(true.keys() - guessed.keys()):
+        notes.append(f"no predictions of sequence {some(rest)}: not scored")
+    raise_all(problems, "nothing was scored")
+    return Frames(Path(predictions), Path(truth), tuple(frames), tuple(notes))
+
+
+def scans_of(labels: Path) -> Mapping[str, Path]:
+    """Scans beside a folder of labels (or in its `velodyne`) by name without suffix; empty where there are none."""
+    for folder in (labels.parent / "velodyne", labels / "velodyne", labels.parent):
+        if folder.is_dir() and (found := {file.stem: file for file in folder.iterdir() if file.suffix in SUFFIXES}):
+            return found
+    return {}
+
+
+def by_stem(folder: Path) -> dict[str, Path]:
+    """The .label files of a folder, sorted, by name without suffix."""
+    return {file.stem: file for file in sorted(folder.glob("*.label")) if not file.name.startswith(".")}
+
+
+def raise_all(problems: list[str], so: str) -> None:
+    """Raise SequenceError with the first problems and the number of all, if there are any."""
+    if problems:
+        lines = problems[:MOST] + ([f"and {len(problems) - MOST} more"] if len(problems) > MOST else [])
+        count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
+        raise SequenceError(f"{count}, so {so}:\n  " + "\n  ".join(lines))

@@ -1,0 +1,79 @@
+"""`mos view`: a picture of a sequence."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from runtime.errors import SettingError
+from runtime.pictures.output import check_output, write_picture
+from runtime.pictures.snapshot import Live, Snapshot, Stored, System, snapshots
+from runtime.sensor import HISTORY
+from runtime.sequence import Sequence
+
+COUNT = 30  # scans of a GIF or recording unless told otherwise
+
+
+def view(
+    sequence: Sequence,
+    out: str | Path,
+    *,
+    predictions: Path | None = None,
+    compare: Path | None = None,
+    scan: int | None = None,
+    count: int = COUNT,
+    bundle: Path | None = None,
+    threads: int = 2,
+    on_progress: Callable[[int, int], object] = lambda done, total: None,
+) -> int:
+    """Write the picture `out` of a sequence; the number of scans in it.
+
+    predictions: root or folder of .label files; None: what `bundle`, or the default one, says.
+    compare: such files of a second system, shown beside the first.
+    scan: position in the sequence, from 0: of the one scan of a .png (None: in the middle), of the first one of
+        `count` scans of a .gif or .rrd (None: 0).
+
+    Raises SettingError, SequenceError, MissingPackageError, OutputError and what a runner raises.
+    """
+    suffix = check_output(out)
+    chosen = choose_scans(sequence, scan, 1 if suffix == ".png" else count)
+    systems: list[System] = [Stored(root, sequence) for root in (predictions, compare) if root is not None]
+    if predictions is None:
+        from runtime.runner import MosRunner
+
+        systems.insert(0, Live(MosRunner(bundle, threads=threads), sequence))
+
+    def reported() -> Iterator[Snapshot]:
+        for done, one in enumerate(snapshots(sequence, systems, chosen)):
+            on_progress(done, len(chosen))
+            yield one
+
+    shown = write_picture(out, reported())
+    on_progress(shown, len(chosen))
+    return shown
+
+
+def choose_scans(sequence: Sequence, scan: int | None, count: int) -> range:
+    """At most `count` scans from number `scan` on. Raises SettingError where there is no such scan."""
+    last = len(sequence) - 1
+    if scan is None:  # a single one with a full history, if there is any
+        scan = min(max(last // 2, HISTORY), last) if count == 1 else 0
+    if not 0 <= scan <= last:
+        raise SettingError(f"there is no scan {scan}: sequence {sequence.name} has the scans 0 to {last} (by position)")
+    return range(scan, min(scan + count, last + 1))
+
+
+def check_viewer(path: Path) -> None:
+    """Raises SettingError where Rerun's viewer cannot show the recording `path`."""
+    if path.suffix.lower() != ".rrd":
+        raise SettingError(f"--show opens 3D recordings, and {path} is none: let --out end with .rrd")
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise SettingError(
+            f"there is no display for Rerun's viewer: leave out --show, and open the file elsewhere: rerun {path}"
+        )
+
+
+def open_viewer(path: Path) -> None:
+    """Start Rerun's viewer with a recording and go on."""
+    subprocess.Popen([sys.executable, "-m", "rerun", str(path)], start_new_session=True)

@@ -1,0 +1,105 @@
+"""The accuracy benchmark on a drive made by hand, with and without the other tool."""
+
+import importlib.util
+import json
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bench import accuracy
+from bench.accuracy import Scan, score, shipped, with_peer, with_runner
+from bench.peers import HINT, PEER, peers, versions
+from tests import street
+from tests.runtime.test_cli import BUNDLE
+
+
+def drive(count=11):
+    world = street.boxes()
+    for i, pose in enumerate(street.drive(count)):
+        points = street.scan(pose, world, rows=16, columns=120)
+        yield Scan(points, pose, np.where(np.arange(len(points)) % 3, 1, 2), i >= 8)
+
+
+def test_every_system_sees_every_scan_and_starts_anew():
+    seen = []
+
+    def start(share):
+        seen.append(share)
+        return lambda scan: np.arange(len(scan.points)) % 3 < share
+
+    found = score([drive, drive], {"all": lambda: start(3), "right": lambda: start(1)})
+    assert seen == [3, 1, 3, 1]
+    assert found["right"].iou == found["all"].recall == 1
+    assert found["all"].precision == pytest.approx(1 / 3, abs=0.01)
+
+
+def test_a_runner_sees_every_scan_once_in_order_and_starts_anew():
+    class Runner:
+        def reset(self):
+            self.past = []
+
+        def remember(self, points, pose):
+            self.past.append(pose)
+
+        def __call__(self, points, pose):
+            np.testing.assert_array_equal(self.past, street.drive(11)[: len(self.past)])
+            assert len(self.past) >= 8
+            self.past.append(pose)
+            return SimpleNamespace(moving=np.arange(len(points)) % 3 == 0)
+
+    assert score([drive, drive], {"": with_runner(Runner())})[""].iou == 1
+
+
+def test_the_shipped_bundles_are_found():
+    assert "rt" in [bundle.name for bundle in shipped()]
+
+
+def test_a_peer_that_is_not_installed_is_left_out_with_the_reason(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    found, left_out = peers()
+    assert found == {}
+    assert left_out == {PEER: HINT}
+    assert versions() == {}
+
+
+def test_a_peer_gets_points_of_the_world_and_tells_what_moves(monkeypatch):
+    calls = []
+
+    class Filter:
+        def __init__(self, **settings):
+            calls.clear()
+
+        def filter(self, points, origin):
+            calls.append((points, origin))
+            return points[1:], np.arange(len(points)) > 0
+
+    tool = SimpleNamespace(RangeImageGhostFilter=Filter)
+    monkeypatch.setitem(sys.modules, "dynamic_object_removal", tool)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: tool)
+    found, left_out = peers()
+    assert left_out == {}
+    pose = np.array([[0.0, -1, 0, 5], [1, 0, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]])
+    scan = np.array([[np.nan, 0, 0, 0], [1, 0, 0, 0], [2, 0, 1, 0]], np.float32)
+    for start in found.values():
+        moving = with_peer(start)()(Scan(scan, pose, np.ones(3), True))
+        np.testing.assert_array_equal(moving, [False, True, False])
+        np.testing.assert_array_equal(calls[0][0], [[5, 7, 7], [5, 8, 8]])
+        np.testing.assert_array_equal(calls[0][1], [5, 6, 7])
+
+
+def test_the_file_keeps_its_keys(tmp_path, monkeypatch):
+    monkeypatch.setattr(accuracy, "simulated", lambda *a, **k: [drive])
+    monkeypatch.setattr(accuracy, "peers", lambda: ({}, {"other": HINT}))
+    monkeypatch.setattr(accuracy, "residual_threshold", lambda: lambda scan: np.zeros(len(scan.points), bool))
+    file = tmp_path / "accuracy.json"
+    accuracy.bench([BUNDLE], streets=1, frames=3, quiet=10, threads=1, out=file)
+    found = json.loads(file.read_text())
+    assert set(found) == {"machine", "streets", "frames", "quiet", "percent", "left_out", "peers"}
+    assert found["left_out"] == {"other": HINT}
+    assert set(found["percent"]) == {"residual threshold, untrained", "bundle, none", "bundle, knn", "bundle, head"}
+    columns = ["simulated iou", "simulated precision", "simulated recall", "quiet streets false alarms"]
+    assert list(found["percent"]["bundle, knn"]) == columns
+    assert found["percent"]["residual threshold, untrained"]["simulated iou"] == 0
+    assert found["percent"]["residual threshold, untrained"]["simulated precision"] is None

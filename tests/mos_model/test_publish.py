@@ -1,0 +1,49 @@
+"""Thresholds and the checkpoint that ships."""
+
+import numpy as np
+import torch
+
+from mos_model import checkpoint
+from mos_model.config import named_config
+from mos_model.network import build_image_network, build_point_head
+from mos_model.publish import BINS, Histogram, calibrate, publish
+from runtime.head_config import PointHeadConfig
+from runtime.sensor import Sensor
+
+HEAD = PointHeadConfig(4, (4,), (4,), None, 0.0, 0.4, "mean")
+
+
+def test_best_threshold_is_that_of_a_search():
+    rng = np.random.default_rng(0)
+    labels = rng.integers(0, 3, 5000).astype(np.uint8)
+    probability = np.clip(rng.normal(0.3 + 0.3 * (labels == 2), 0.2), 0, 1).astype(np.float32)
+    histogram = Histogram()
+    histogram.add(probability[:2000], labels[:2000])
+    histogram.add(probability[2000:].reshape(30, 100), labels[2000:].reshape(30, 100))
+    truth, known = labels == 2, labels > 0
+
+    def iou(threshold):
+        found = (probability >= threshold) & known
+        return (found & truth).sum() / ((found | truth) & known).sum()
+
+    threshold, best = histogram.best_threshold()
+    assert best == max(iou(i / BINS) for i in range(BINS)) == iou(threshold)
+    assert 0.3 < threshold < 0.7
+
+
+def test_published_checkpoint(tmp_path):
+    torch.manual_seed(0)
+    config = named_config("rt-head", 4, rt_widths=(4, 4, 4, 4), point_head=HEAD, sensor=Sensor(height=16, width=64))
+    network, head = build_image_network(config), build_point_head(config)
+    checkpoint.save(tmp_path / "last.pt", config, network, head, {"step": 7})
+    publish(tmp_path / "last.pt", tmp_path / "ship" / "checkpoint.pt", streets=1, name="small")
+    found = checkpoint.load(tmp_path / "ship" / "checkpoint.pt")
+    assert found.config.name == "small"
+    assert found.training["step"] == 7
+    assert found.training["postprocess"] == "head"
+    pixels, points = calibrate(checkpoint.load(tmp_path / "last.pt"), 1)
+    assert found.training["threshold"] == pixels.best_threshold()[0]
+    assert found.training["head_threshold"] == points.best_threshold()[0]
+    assert points.counts.sum() > pixels.counts.sum() > 0
+    stored = checkpoint.read(tmp_path / "ship" / "checkpoint.pt")
+    assert {v.dtype for v in stored["image_net"].values() if v.is_floating_point()} == {torch.float16}
