@@ -1,8 +1,9 @@
 """Time of an image network in PyTorch, ONNX Runtime and OpenVINO: `python -m bench.image_net`."""
 
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -15,20 +16,18 @@ from mos_model.network import build_image_network
 from runtime.image_net import ImageNet
 
 
-def bench(
-    config: Annotated[str, typer.Option(help="Network: lmnet, b, c, d, e, v1, rt")] = "v1",
-    channels: int = 32,
-    threads: int = 2,
-    rounds: int = 7,
-    out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
-) -> None:
-    """Median time of one image with random weights; outputs are compared first. OpenVINO only where it is installed."""
+def compare(
+    config: str, channels: int, threads: int, rounds: int, compiled: bool = False
+) -> tuple[dict[str, dict[str, Any]], dict[str, float]]:
+    """Times of one image with random weights by engine, in turn, and how far each engine is from PyTorch's result.
+
+    `compiled`: PyTorch's compiler too. OpenVINO has a row where it is installed.
+    """
     torch.manual_seed(0)
     torch.set_num_threads(threads)
     model = named_config(config, channels)
     network = build_image_network(model).eval()
-    sensor = model.sensor
-    shape = (model.in_channels, sensor.height, sensor.width)
+    shape = (model.in_channels, model.sensor.height, model.sensor.width)
     image = np.random.default_rng(0).normal(0, 0.5, shape).astype(np.float32)
     tensor = torch.from_numpy(image[None])
     model_bytes = onnx_bytes(network, (1, *shape))
@@ -37,22 +36,40 @@ def bench(
         path.write_bytes(model_bytes)
         net = ImageNet(path, threads=threads)
         want = network(tensor).logits.softmax(1)[0].numpy()
-        tasks = {"PyTorch eager": lambda: network(tensor), "ONNX Runtime": lambda: net.run(image)}
-        differences = {"ONNX Runtime": float(np.abs(net.run(image)[0] - want).max())}
+        tasks: dict[str, Callable[[], Any]] = {"PyTorch eager": lambda: network(tensor)}
+        differences = {}
+        if compiled:
+            fast = torch.compile(network)
+            tasks["PyTorch compiled"] = lambda: fast(tensor)
+            differences["PyTorch compiled"] = float(np.abs(fast(tensor).logits.softmax(1)[0].numpy() - want).max())
+        tasks["ONNX Runtime"] = lambda: net.run(image)
+        differences["ONNX Runtime"] = float(np.abs(net.run(image)[0] - want).max())
         try:
             import openvino
         except ImportError:
-            typer.echo("OpenVINO is not installed (pip install openvino): its row is left out")
+            typer.echo("OpenVINO is not installed (pip install openvino): its row is left out", err=True)
         else:
             settings = {"INFERENCE_NUM_THREADS": threads, "INFERENCE_PRECISION_HINT": "f32"}
-            compiled = openvino.Core().compile_model(str(path), "CPU", settings)
-            tasks["OpenVINO"] = lambda: compiled(image[None])
-            differences["OpenVINO"] = float(np.abs(compiled(image[None])[0][0] - want).max())
-        rows = {name: summary(seconds) for name, seconds in interleaved(tasks, rounds).items()}
+            peer = openvino.Core().compile_model(str(path), "CPU", settings)
+            tasks["OpenVINO"] = lambda: peer(image[None])
+            differences["OpenVINO"] = float(np.abs(peer(image[None])[0][0] - want).max())
+        return {name: summary(seconds) for name, seconds in interleaved(tasks, rounds).items()}, differences
+
+
+def bench(
+    config: Annotated[str, typer.Option(help="Network: lmnet, b, c, d, e, v1, rt")] = "v1",
+    channels: int = 32,
+    threads: int = 2,
+    rounds: int = 7,
+    compiled: Annotated[bool, typer.Option("--compiled", help="PyTorch's compiler too")] = False,
+    out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
+) -> None:
+    """Median time of one image with random weights; outputs are compared first. OpenVINO only where it is installed."""
+    rows, differences = compare(config, channels, threads, rounds, compiled)
     for name, row in rows.items():
         row["of PyTorch"] = round(row["median"] / rows["PyTorch eager"]["median"], 3)
         row["largest difference"] = f"{differences.get(name, 0.0):.0e}"
-    show(f"{config}, {channels} channels, {sensor.height} x {sensor.width}, {threads} threads, FP32, ms", rows)
+    show(f"{config}, {channels} channels, {threads} threads, FP32, ms", rows)
     save(out, threads, {"config": config, "channels": channels, "ms": rows})
 
 

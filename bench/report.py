@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("numpy", "numba", "onnxruntime", "torch", "openvino")
+PACKAGES = ("numpy", "numba", "onnxruntime", "torch", "openvino", "spconv")
 
 
 def machine(threads: int) -> dict[str, Any]:
@@ -75,6 +75,12 @@ def show(title: str, rows: Mapping[str, Mapping[str, Any]]) -> None:
         values = (row.get(column, "") for column in columns)
         table.add_row(name, *(f"{value:.2f}" if isinstance(value, float) else str(value) for value in values))
     Console().print(table)
+
+
+def brief(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Rows of a wide table without what is only in the JSON file."""
+    left_out = ("min", "max", "runs", "p95", "p99")
+    return {name: {key: value for key, value in row.items() if key not in left_out} for name, row in rows.items()}
 
 
 def save(path: Path | None, threads: int, results: Mapping[str, Any]) -> None:

@@ -1,6 +1,8 @@
 """One sparse 3x3x3 layer with its kernel map, beside spconv and plain PyTorch where they are installed.
 
 python -m bench.sparse_layer --sequence ../shared/data/kitti/sequences/00 --out layer.json
+
+`pip install spconv==2.3.8` brings the CPU build of spconv.
 """
 
 from collections.abc import Callable
@@ -10,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from bench.report import interleaved, save, show, summary
+from bench.report import brief, interleaved, save, show, summary
 from bench.scans import load_frames
 from runtime.arena import Arena
 from runtime.kernel_map import build_scales, neighbours, table_map
@@ -19,6 +21,8 @@ from runtime.voxels import voxelise
 from runtime.workers import Workers
 
 Layer = Callable[[], np.ndarray]
+OTHERS = ("PyTorch, map given", "spconv")
+TOLERANCE = 1e-3  # largest difference of outputs of about 1
 
 
 def this_layer(keys: np.ndarray, features: np.ndarray, kernel: np.ndarray, threads: int) -> Layer:
@@ -79,15 +83,36 @@ def compare(keys: np.ndarray, coords: np.ndarray, channels: int, threads: int, r
     kernel = random.normal(0, 0.05, (27, channels, channels)).astype(np.float32)
     tasks = {"this": this_layer(keys, features, kernel, threads)}
     expected = tasks["this"]().copy()
-    for name, make, where in (("PyTorch, map given", torch_layer, keys), ("spconv", spconv_layer, coords)):
+    rows: dict[str, Any] = {"this": {}}
+    for name, make, where in zip(OTHERS, (torch_layer, spconv_layer), (keys, coords), strict=True):
         try:
             tasks[name] = make(where, features, kernel, threads)
-        except ImportError:
+        except ImportError as error:
+            rows[name] = {"note": f"not installed: {error}"}
             continue
-        difference = np.abs(tasks[name]() - expected).max()
-        if difference > 1e-3:
+        difference = float(np.abs(tasks[name]() - expected).max())
+        if not difference <= TOLERANCE:
             raise ArithmeticError(f"{name} differs by {difference}")
-    return {name: summary(seconds) for name, seconds in interleaved(tasks, rounds).items()}
+        rows[name] = {"difference": f"{difference:.1e}"}
+    for name, seconds in interleaved(tasks, rounds).items():
+        rows[name] = summary(seconds) | rows[name]
+        rows[name]["times this"] = float(np.median(seconds)) * 1e3 / rows["this"]["median"]
+    return rows
+
+
+def layers(points: np.ndarray, threads: int, rounds: int) -> dict[str, Any]:
+    """32 -> 32 channels at stride 1 and 96 -> 96 at stride 2 of a scan (N, 4)."""
+    voxels = voxelise(points[:, :3], 0.05, Workers(threads))
+    fine, coarse, *_ = build_scales(voxels.keys, 1, Arena())
+    kinds = {
+        "32 -> 32 at stride 1": (fine.keys, voxels.coords, 32),
+        "96 -> 96 at stride 2": (coarse.keys, voxels.coords[coarse.starts[:-1]] >> 1, 96),
+    }
+    results = {}
+    for name, (keys, coords, channels) in kinds.items():
+        results[name] = compare(keys, coords, channels, threads, rounds)
+        show(f"{name}, {len(keys)} voxels, map and convolution, ms", brief(results[name]))
+    return results
 
 
 def bench(
@@ -96,19 +121,9 @@ def bench(
     rounds: int = 15,
     out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
 ) -> None:
-    """32 -> 32 channels at stride 1 and 96 -> 96 at stride 2."""
+    """Two layers of the point head, each beside the other libraries; outputs are compared first."""
     [(points, _)] = load_frames(sequence, 1)
-    voxels = voxelise(points[:, :3], 0.05, Workers(threads))
-    fine, coarse, *_ = build_scales(voxels.keys, 1, Arena())
-    layers = {
-        "32 -> 32 at stride 1": (fine.keys, voxels.coords, 32),
-        "96 -> 96 at stride 2": (coarse.keys, voxels.coords[coarse.starts[:-1]] >> 1, 96),
-    }
-    results = {}
-    for name, (keys, coords, channels) in layers.items():
-        results[name] = compare(keys, coords, channels, threads, rounds)
-        show(f"{name}, {len(keys)} voxels, map and convolution, ms", results[name])
-    save(out, threads, {"layers": results})
+    save(out, threads, {"layers": layers(points, threads, rounds)})
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A small graph of operations over one image, and its form as an ONNX model."""
+"""A small graph of operations, and its form as an ONNX model."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ IR_VERSION = 8  # of the ONNX file, that of opset 17
 
 @dataclass
 class Weight:
-    """A constant: `values` as the checkpoint has them, times `scale` that a rewriting folded in (broadcast)."""
+    """A constant: `values` as the checkpoint has them, times `scale` that is folded into them (broadcast)."""
 
     values: np.ndarray
     scale: np.ndarray | None = None
@@ -38,22 +38,26 @@ class Node:
 
 @dataclass
 class Graph:
-    """Nodes in the order of computation; every value has a name and, but for weights, a fixed shape."""
+    """Nodes in the order of computation; every value has a name and, but for weights, a shape.
+
+    A dimension is a number, or the name of one that changes from run to run.
+    """
 
     nodes: list[Node] = field(default_factory=list)
     weights: dict[str, Weight] = field(default_factory=dict)
-    shapes: dict[str, tuple[int, ...]] = field(default_factory=dict)
+    shapes: dict[str, tuple[int | str, ...]] = field(default_factory=dict)
+    kinds: dict[str, int] = field(default_factory=dict)  # element types of inputs other than float32
     inputs: list[str] = field(default_factory=list)
     outputs: list[str] = field(default_factory=list)
     _count: int = 0
 
-    def add(self, op: str, inputs: list[str], shape: tuple[int, ...], **attributes: Any) -> str:
+    def add(self, op: str, inputs: list[str], shape: tuple[int | str, ...], **attributes: Any) -> str:
         """Append a node and return the name of its output."""
         output = self.new_name(op, shape)
         self.nodes.append(Node(op, inputs, output, attributes))
         return output
 
-    def new_name(self, op: str, shape: tuple[int, ...]) -> str:
+    def new_name(self, op: str, shape: tuple[int | str, ...]) -> str:
         """An unused name, for a value of `shape`."""
         self._count += 1
         name = f"{op.lower()}_{self._count}"
@@ -82,6 +86,14 @@ class Graph:
             node.inputs = [new if name == old else name for name in node.inputs]
         self.outputs = [new if name == old else name for name in self.outputs]
 
+    def finish(self, value: str, name: str) -> None:
+        """Make `value` the output `name`."""
+        for node in self.nodes:
+            node.output = name if node.output == value else node.output
+        self.shapes[name] = self.shapes.pop(value)
+        self.replace(value, name)
+        self.outputs.append(name)
+
     def sweep(self) -> None:
         """Drop nodes and weights that no output needs."""
         needed, kept = set(self.outputs), []
@@ -93,34 +105,34 @@ class Graph:
         self.weights = {name: weight for name, weight in self.weights.items() if name in needed}
 
 
-def to_model(graph: Graph) -> onnx.ModelProto:
-    """The ONNX model of `graph`, the same bytes for the same graph.
+def to_model(graph: Graph, name: str = "image_net") -> onnx.ModelProto:
+    """The ONNX model of `graph`, called `name`; the same bytes for the same graph.
 
     Kernels that float16 holds without loss are stored so, each followed by the Cast (and the scale folded into it) that
     a runtime computes once, when it loads the model; all arithmetic is float32.
     """
     nodes: list[onnx.NodeProto] = []
     initialisers: list[TensorProto] = []
-    for name, weight in graph.weights.items():
+    for key, weight in graph.weights.items():
         half = _as_half(weight.values)
         if half is not None:
-            initialisers.append(numpy_helper.from_array(half, f"{name}.half"))
+            initialisers.append(numpy_helper.from_array(half, f"{key}.half"))
             scaled = weight.scale is not None
-            cast = f"{name}.cast" if scaled else name
-            nodes.append(helper.make_node("Cast", [f"{name}.half"], [cast], cast, to=TensorProto.FLOAT))
+            cast = f"{key}.cast" if scaled else key
+            nodes.append(helper.make_node("Cast", [f"{key}.half"], [cast], cast, to=TensorProto.FLOAT))
             if weight.scale is not None:
                 scale = weight.scale.astype(np.float32)
-                initialisers.append(numpy_helper.from_array(scale, f"{name}.scale"))
-                nodes.append(helper.make_node("Mul", [cast, f"{name}.scale"], [name], name))
+                initialisers.append(numpy_helper.from_array(scale, f"{key}.scale"))
+                nodes.append(helper.make_node("Mul", [cast, f"{key}.scale"], [key], key))
         else:
-            initialisers.append(numpy_helper.from_array(weight.folded(), name))
+            initialisers.append(numpy_helper.from_array(weight.folded(), key))
     for node in graph.nodes:
         attributes = dict(sorted(node.attributes.items()))
         nodes.append(helper.make_node(node.op, node.inputs, [node.output], node.output, **attributes))
     model = helper.make_model(
         helper.make_graph(
             nodes,
-            "image_net",
+            name,
             list(_values(graph, graph.inputs)),
             list(_values(graph, graph.outputs)),
             initialisers,
@@ -134,7 +146,9 @@ def to_model(graph: Graph) -> onnx.ModelProto:
 
 
 def _as_half(values: np.ndarray) -> np.ndarray | None:
-    """`values` as float16 if they are the kernel of a convolution and lose nothing."""
+    """`values` as float16 if they are so already, or the kernel of a convolution that loses nothing."""
+    if values.dtype == np.float16:
+        return values
     if values.ndim < 4:
         return None
     with np.errstate(over="ignore"):
@@ -144,4 +158,4 @@ def _as_half(values: np.ndarray) -> np.ndarray | None:
 
 def _values(graph: Graph, names: list[str]) -> Iterator[onnx.ValueInfoProto]:
     for name in names:
-        yield helper.make_tensor_value_info(name, TensorProto.FLOAT, graph.shapes[name])
+        yield helper.make_tensor_value_info(name, graph.kinds.get(name, TensorProto.FLOAT), graph.shapes[name])

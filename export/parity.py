@@ -8,11 +8,13 @@ import torch
 from torch import nn
 
 from mos_model.simulator import simulate
-from runtime.bundle import Bundle
+from runtime.bundle import POINT_HEAD, POINT_HEAD_ONNX, Bundle
 from runtime.errors import ParityError
 from runtime.image_net import ImageNet
 from runtime.inputs import ImageInput, InputBuilder
-from runtime.point_head import FeatureMap, PointHeadEngine
+from runtime.onnx_head import OnnxHead
+from runtime.point_head import PointHeadEngine
+from runtime.refinement import FeatureMap, PointHead
 from runtime.sensor import HISTORY, Residual, Sensor
 from runtime.workers import Workers
 
@@ -28,14 +30,20 @@ class Parity:
     features: float  # of a feature, relative to the largest one
     point_head: float | None  # of a probability of a point, each side with its own image network
     points: int  # points of the scan
+    point_head_onnx: float | None = None  # the same with the point head as an ONNX graph, where the bundle has it
 
     def worst(self) -> float:
         """Largest difference of a probability."""
-        return max(self.image_net, self.point_head or 0.0)
+        return max(self.image_net, self.point_head or 0.0, self.point_head_onnx or 0.0)
 
     def to_manifest(self) -> dict[str, Any]:
         """Rounded up to one digit, so that the last bits of another machine make no other bundle."""
-        figures = {"image_net": self.image_net, "features": self.features, "point_head": self.point_head}
+        figures = {
+            "image_net": self.image_net,
+            "features": self.features,
+            "point_head": self.point_head,
+            "point_head_onnx": self.point_head_onnx,
+        }
         measured = {key: _rounded_up(value) for key, value in figures.items() if value is not None}
         return {**measured, "against": "PyTorch", "input": f"simulated scan of {self.points} points", "limit": LIMIT}
 
@@ -50,17 +58,20 @@ def check_parity(bundle: Bundle, image_net: nn.Module, point_head: nn.Module | N
         want_probabilities, want_features = want.logits.softmax(1)[0].numpy(), want.features[0].numpy()
     net = ImageNet.of(bundle, precision="float32", threads=threads)
     probabilities, features = net.run(image.image)
+    heads = _head_differences(bundle, point_head, scan, image, features, want_features, workers)
     parity = Parity(
         image_net=_difference(probabilities, want_probabilities),
         features=_difference(features, want_features) / max(float(np.abs(want_features).max()), 1e-30),
-        point_head=_head_difference(bundle, point_head, scan, image, features, want_features, workers),
+        point_head=heads.get(POINT_HEAD),
         points=len(scan),
+        point_head_onnx=heads.get(POINT_HEAD_ONNX),
     )
     workers.close()
     if not parity.worst() <= LIMIT:  # NaN fails too
         raise ParityError(
             f"the exported network differs from PyTorch by {parity.worst():.1e} in a probability "
-            f"(image network {parity.image_net:.1e}, point head {parity.point_head}); the limit is {LIMIT:g}. "
+            f"(image network {parity.image_net:.1e}, point head {parity.point_head}, as ONNX graph "
+            f"{parity.point_head_onnx}); the limit is {LIMIT:g}. "
             "Nothing was written"
         )
     return parity
@@ -75,7 +86,7 @@ def simulated_input(sensor: Sensor, residual: Residual, workers: Workers) -> tup
     return current.points, builder.build(current.points, [frame.points for frame in past], relative)
 
 
-def _head_difference(
+def _head_differences(
     bundle: Bundle,
     head: nn.Module | None,
     scan: np.ndarray,
@@ -83,19 +94,22 @@ def _head_difference(
     features: np.ndarray,
     want_features: np.ndarray,
     workers: Workers,
-) -> float | None:
+) -> dict[str, float]:
+    """Of the probabilities of points, by file of the bundle."""
     config = bundle.manifest.point_head
     if head is None or config is None:
-        return None
+        return {}
     valid = image.pixel >= 0
     xyz = np.ascontiguousarray(scan[:, :3])
     of_points = np.ascontiguousarray(want_features.reshape(len(want_features), -1)[:, image.pixel[valid]].T)
     with torch.inference_mode():
         grid = head.grid(torch.from_numpy(xyz[valid]))
         want = head(grid, torch.from_numpy(of_points)).softmax(1).numpy()
-    engine = PointHeadEngine(bundle.point_head(), config, workers)
-    got = engine.refine(xyz, valid, FeatureMap(features, image.u, image.v))
-    return _difference(got[valid], want)
+    engines: dict[str, PointHead] = {POINT_HEAD: PointHeadEngine(bundle.point_head(), config, workers)}
+    if POINT_HEAD_ONNX in bundle.manifest.files:
+        engines[POINT_HEAD_ONNX] = OnnxHead(bundle.path / POINT_HEAD_ONNX, config, workers)
+    given = xyz, valid, FeatureMap(features, image.u, image.v)
+    return {name: _difference(engine.refine(*given)[valid], want) for name, engine in engines.items()}
 
 
 def _difference(got: np.ndarray, want: np.ndarray) -> float:

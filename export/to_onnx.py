@@ -12,13 +12,23 @@ from torch import Tensor, nn
 
 from export.blocked import with_blocked_forms
 from export.graph import to_model
+from export.head_graph import head_bytes
 from export.parity import Parity, check_parity
 from export.published import Source, understand
 from export.reader import read_tensors
 from export.rewrite import fold_norms
 from export.tracing import trace
-from export.write import file_entry, plain, replacing, rounded_to_half, write_manifest, write_point_head
-from runtime.bundle import DEFAULT_BUNDLE, IMAGE_NET, POINT_HEAD, Bundle, Decision, Manifest, load_bundle
+from export.write import file_entry, head_arrays, plain, replacing, rounded_to_half, write_manifest, write_point_head
+from runtime.bundle import (
+    DEFAULT_BUNDLE,
+    IMAGE_NET,
+    POINT_HEAD,
+    POINT_HEAD_ONNX,
+    Bundle,
+    Decision,
+    Manifest,
+    load_bundle,
+)
 from runtime.errors import CheckpointError, MosError, SettingError
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -55,6 +65,7 @@ def export_checkpoint(
     width: int | None = None,
     trained: bool | None = None,
     threads: int = 2,
+    point_head_onnx: bool = False,
 ) -> Export:
     """Write the bundle of a checkpoint to `out` and compare the two; a bundle that disagrees is not kept.
 
@@ -62,6 +73,7 @@ def export_checkpoint(
     weights: how kernels are stored, "float32" or "float16"; None: float16 for checkpoints of lidar-mos, else float32.
     height, width: of the range image to export for; None: those of the checkpoint (published ones: 64 x 2048).
     trained: whether the weights are; None: what the checkpoint says.
+    point_head_onnx: write the point head as an ONNX graph too, for execution providers on a GPU.
 
     Raises CheckpointError, ParityError, SettingError, BundleError (`out` is something else) or OutputError.
     """
@@ -72,13 +84,15 @@ def export_checkpoint(
     sensor = source.config.sensor
     sensor = replace(sensor, height=height or sensor.height, width=width or sensor.width)
     source = replace(source, config=replace(source.config, sensor=sensor))
+    if point_head_onnx and source.point_head is None:
+        raise SettingError(f"{checkpoint}: has no point head to write as {POINT_HEAD_ONNX}")
     precision = weights or ("float16" if source.kind == "checkpoint of lidar-mos" else "float32")
     if precision == "float16":
         rounded_to_half(source.image_net, f"{checkpoint}: image network")
         if source.point_head is not None:
             rounded_to_half(source.point_head, f"{checkpoint}: point head")
     with replacing(out) as folder:
-        _write_networks(folder, source, precision)
+        _write_networks(folder, source, precision, point_head_onnx)
         manifest = _manifest(folder, source, precision, checkpoint)
         write_manifest(folder, manifest)
         parity = check_parity(load_bundle(folder), source.image_net, source.point_head, threads)
@@ -93,21 +107,24 @@ def onnx_bytes(network: nn.Module, shape: tuple[int, ...]) -> bytes:
     return to_model(graph).SerializeToString(deterministic=True)
 
 
-def _write_networks(folder: Path, source: Source, precision: str) -> None:
+def _write_networks(folder: Path, source: Source, precision: str, point_head_onnx: bool) -> None:
     config = source.config
     shape = (1, config.in_channels, config.sensor.height, config.sensor.width)
     (folder / IMAGE_NET).write_bytes(onnx_bytes(source.image_net, shape))
     if source.point_head is not None and config.point_head is not None:
         half = precision == "float16"
         write_point_head(folder / POINT_HEAD, source.point_head, config.point_head, half)
+        if point_head_onnx:
+            arrays = head_arrays(source.point_head, config.point_head, half)
+            (folder / POINT_HEAD_ONNX).write_bytes(head_bytes(arrays, config.point_head))
 
 
 def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) -> Manifest:
     config, training = source.config, source.training
     features = _channels_of_features(source)
     head = config.point_head
-    files = [IMAGE_NET] + ([POINT_HEAD] if head else [])
-    record = {key: value for key, value in training.items() if key not in ("resume", "accuracy", "threshold")}
+    files = [IMAGE_NET] + [name for name in (POINT_HEAD, POINT_HEAD_ONNX) if (folder / name).exists()]
+    record = {key: value for key, value in training.items() if key not in ("resume", "accuracy", "threshold", "head_threshold")}
     return Manifest(
         name=config.name,
         sensor=config.sensor,
@@ -122,7 +139,7 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
             "training": plain(record),
         },
         model=config.to_dict(),
-        decision=Decision(training.get("threshold")),
+        decision=Decision(training.get("threshold"), training.get("head_threshold")),
         postprocess=training.get("postprocess", "head" if head else "knn"),
         accuracy=plain(training.get("accuracy", {})),
     )
@@ -172,6 +189,9 @@ def export_command(
     untrained: Annotated[
         bool, typer.Option("--untrained", help="Say in the manifest that the weights are random.")
     ] = False,
+    point_head_onnx: Annotated[
+        bool, typer.Option("--point-head-onnx", help="Write the point head as an ONNX graph too, for GPUs.")
+    ] = False,
     threads: Annotated[int, typer.Option(min=1, help="Threads of the comparison.")] = 2,
 ) -> None:
     """Turn a checkpoint into a bundle, and compare the two on a simulated scan."""
@@ -188,6 +208,7 @@ def export_command(
         width,
         False if untrained else None,
         threads,
+        point_head_onnx,
     )
     show(done, checkpoint)
 
@@ -202,6 +223,7 @@ def show(done: Export, checkpoint: Path) -> None:
         blocks = sorted({key.split(".")[0] for key in source.dropped})
         typer.echo(f"dropped  {len(source.dropped)} tensors that the network does not use: {', '.join(blocks)}")
     head = "" if parity.point_head is None else f", point head {parity.point_head:.1e}"
+    head += "" if parity.point_head_onnx is None else f", as ONNX graph {parity.point_head_onnx:.1e}"
     typer.echo(f"parity   image network {parity.image_net:.1e}{head} (largest difference of a probability)")
     for name, entry in files.items():
         typer.echo(f"wrote    {bundle.path / name}: {entry.bytes / 1e6:.2f} MB, kernels in {entry.precision}")

@@ -101,12 +101,7 @@ class Tracer(TorchDispatchMode):
 
     def rename(self, tensor: Tensor, name: str) -> None:
         """Give a value its final name and make it an output."""
-        old = self.name(tensor)
-        for node in self.graph.nodes:
-            node.output = name if node.output == old else node.output
-        self.graph.shapes[name] = self.graph.shapes.pop(old)
-        self.graph.replace(old, name)
-        self.graph.outputs.append(name)
+        self.graph.finish(self.name(tensor), name)
         self._names[id(tensor)] = name
 
     def data(self, tensor: Tensor) -> np.ndarray:

@@ -87,24 +87,28 @@ def file_entry(path: Path, precision: str) -> FileEntry:
     return FileEntry(sha256_of(path), path.stat().st_size, precision)
 
 
-def write_point_head(path: Path, head: nn.Module, config: PointHeadConfig, half: bool) -> None:
-    """Write `point_head.npz`: the weights of `runtime.head_weights.fold`.
+def head_arrays(head: nn.Module, config: PointHeadConfig, half: bool) -> dict[str, np.ndarray]:
+    """What `point_head.npz` holds: the weights of `runtime.head_weights.fold`.
 
     `half`: kernels as they are in the checkpoint, in float16, each with the float32 scale of its BatchNorm beside it
     (`NAME.scale`); so a checkpoint in half precision loses nothing.
     """
     state = {key: value.detach().numpy() for key, value in head.state_dict().items()}
     arrays: dict[str, np.ndarray] = dict(fold(state, config))
-    if half:
-        for layer in layers(config):
-            key = f"{layer.name}.weight"
-            scale = np.ones(layer.outputs)
-            if layer.norm:
-                variance = state[f"{layer.norm}.running_var"].astype(np.float64)
-                scale = state[f"{layer.norm}.weight"] / np.sqrt(variance + EPSILON)
-            kernel = state[layer.source].T if layer.linear else state[layer.source]
-            arrays[key] = kernel.astype(np.float16)
-            arrays[f"{layer.name}.scale"] = scale.astype(np.float32)
+    for layer in layers(config) if half else ():
+        scale = np.ones(layer.outputs)
+        if layer.norm:
+            variance = state[f"{layer.norm}.running_var"].astype(np.float64)
+            scale = state[f"{layer.norm}.weight"] / np.sqrt(variance + EPSILON)
+        kernel = state[layer.source].T if layer.linear else state[layer.source]
+        arrays[f"{layer.name}.weight"] = kernel.astype(np.float16)
+        arrays[f"{layer.name}.scale"] = scale.astype(np.float32)
+    return arrays
+
+
+def write_point_head(path: Path, head: nn.Module, config: PointHeadConfig, half: bool) -> None:
+    """Write `point_head.npz`; `half` as in `head_arrays`."""
+    arrays = head_arrays(head, config, half)
     buffer = io.BytesIO()
     np.savez(buffer, **{key: np.ascontiguousarray(arrays[key]) for key in sorted(arrays)})
     path.write_bytes(buffer.getbuffer())

@@ -49,6 +49,7 @@ class Decision:
     """When a pixel or point counts as moving."""
 
     threshold: float | None = None  # probability of "moving" from which it is; None: the most likely class
+    head_threshold: float | None = None  # the same for probabilities of the point head
 
 
 @dataclass(frozen=True)
@@ -171,17 +172,20 @@ def _contradictions(manifest: Manifest) -> list[str]:
             wrong.append(f"file {name!r} is not one that a bundle holds")
         elif entry.precision not in NETWORK_FILES[name]:
             wrong.append(f"{name} has precision {entry.precision!r}, not {' or '.join(NETWORK_FILES[name])}")
-    head, threshold = manifest.point_head, manifest.decision.threshold
+    head = manifest.point_head
     if manifest.classes != CLASSES:
         wrong.append(f"classes are {manifest.classes}, this version knows {CLASSES}")
     if (head is not None) != (POINT_HEAD in manifest.files):
         wrong.append(f"'point_head' and the file {POINT_HEAD} must both be there, or neither")
+    if head is None and POINT_HEAD_ONNX in manifest.files:
+        wrong.append(f"{POINT_HEAD_ONNX} is there, but no 'point_head'")
     if head is not None and head.in_channels != manifest.features:
         wrong.append(f"the point head takes {head.in_channels} features, the image network gives {manifest.features}")
     if manifest.postprocess not in POSTPROCESSES or (manifest.postprocess == "head" and head is None):
         wrong.append(f"postprocess {manifest.postprocess!r} is unknown, or needs a point head that is not there")
-    if threshold is not None and not (isinstance(threshold, (int, float)) and 0 <= threshold < 1):
-        wrong.append(f"the threshold of moving must be a probability below 1, not {threshold!r}")
+    for threshold in (manifest.decision.threshold, manifest.decision.head_threshold):
+        if threshold is not None and not (isinstance(threshold, (int, float)) and 0 <= threshold < 1):
+            wrong.append(f"the threshold of moving must be a probability below 1, not {threshold!r}")
     return wrong
 
 

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from runtime.bundle import Bundle
 from runtime.errors import BundleError, InferenceError, MosWarning, ProviderError, SettingError
 
+Provider = str | tuple[str, dict[str, Any]]
+
 CPU = "CPUExecutionProvider"
 PACKAGES = {  # what brings a provider
     "CUDAExecutionProvider": "onnxruntime-gpu",
@@ -32,35 +34,15 @@ class ImageNet:
         path: str | Path,
         *,
         threads: int,
-        providers: Sequence[str | tuple[str, dict[str, Any]]] | None = None,
+        providers: Sequence[Provider] | None = None,
         allow_fallback: bool = False,
         session_options: Mapping[str, str] | None = None,
     ) -> None:
-        """threads: of the CPU provider.
-
-        providers: execution providers, the preferred first, each a name or (name, options); None: the CPU.
-        allow_fallback: use the CPU, with a warning, where one of them is not available; else that is an error.
-        session_options: entries for ONNX Runtime's session configuration, such as
-            {"session.intra_op.allow_spinning": "1"} (off here, since spinning threads starve the other kernels).
-
-        Raises ProviderError, SettingError for options that ONNX Runtime refuses, or BundleError for a broken file.
-        """
-        wanted = _available(providers or [CPU], allow_fallback)
-        options = ort.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.inter_op_num_threads = 1
-        options.enable_mem_pattern = False  # its one large block would come on top of the arena's: half the memory
-        options.log_severity_level = 3
-        try:
-            for key, value in {"session.intra_op.allow_spinning": "0", **(session_options or {})}.items():
-                options.add_session_config_entry(key, value)
-        except Exception as error:
-            raise SettingError(f"session option {key}={value!r} is refused by ONNX Runtime: {error}") from error
-        self._session = _session(path, options, wanted)
+        """threads, providers, allow_fallback, session_options: see `open_session`, which raises what this does."""
+        self._session = open_session(
+            path, threads=threads, providers=providers, allow_fallback=allow_fallback, session_options=session_options
+        )
         self.providers: list[str] = self._session.get_providers()
-        for name in map(_name, wanted):
-            if name not in self.providers:  # ONNX Runtime goes on without a provider whose libraries are missing
-                _fall_back(f"{name} is installed but could not start (are its libraries there?)", name, allow_fallback)
         inputs = {value.name: tuple(value.shape) for value in self._session.get_inputs()}
         outputs = {value.name: tuple(value.shape) for value in self._session.get_outputs()}
         if set(inputs) != {"image"} or not {"probabilities", "features"} <= set(outputs):
@@ -100,6 +82,42 @@ class ImageNet:
         return probabilities[0], features[0]
 
 
+def open_session(
+    path: str | Path,
+    *,
+    threads: int,
+    providers: Sequence[Provider] | None = None,
+    allow_fallback: bool = False,
+    session_options: Mapping[str, str] | None = None,
+) -> Any:
+    """An ONNX Runtime session over the model at `path`.
+
+    threads: of the CPU provider.
+    providers: execution providers, the preferred first, each a name or (name, options); None: the CPU.
+    allow_fallback: use the CPU, with a warning, where one of them is not available; else that is an error.
+    session_options: entries for ONNX Runtime's session configuration, such as
+        {"session.intra_op.allow_spinning": "1"} (off here, since spinning threads starve the other kernels).
+
+    Raises ProviderError, SettingError for options that ONNX Runtime refuses, or BundleError for a broken file.
+    """
+    wanted = _available(providers or [CPU], allow_fallback)
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.enable_mem_pattern = False  # its one large block would come on top of the arena's: half the memory
+    options.log_severity_level = 3
+    try:
+        for key, value in {"session.intra_op.allow_spinning": "0", **(session_options or {})}.items():
+            options.add_session_config_entry(key, value)
+    except Exception as error:
+        raise SettingError(f"session option {key}={value!r} is refused by ONNX Runtime: {error}") from error
+    session = _session(path, options, wanted)
+    for name in map(provider_name, wanted):
+        if name not in session.get_providers():  # ONNX Runtime goes on without one whose libraries are missing
+            _fall_back(f"{name} is installed but could not start (are its libraries there?)", name, allow_fallback)
+    return session
+
+
 def _session(path: str | Path, options: Any, providers: list[Any]) -> Any:
     """An ONNX Runtime session. Raises ProviderError where a provider fails but the CPU loads the file."""
     try:
@@ -110,7 +128,7 @@ def _session(path: str | Path, options: Any, providers: list[Any]) -> Any:
         ort.InferenceSession(str(path), options, providers=[CPU])
     except Exception as error:
         raise BundleError(f"{path}: ONNX Runtime cannot load it: {error}") from error
-    raise ProviderError(f"{', '.join(map(_name, providers))} cannot run {path}: {reason}") from reason
+    raise ProviderError(f"{', '.join(map(provider_name, providers))} cannot run {path}: {reason}") from reason
 
 
 def _finite(values: NDArray[np.float32]) -> bool:
@@ -119,7 +137,8 @@ def _finite(values: NDArray[np.float32]) -> bool:
         return bool(np.isfinite(values.sum())) or bool(np.isfinite(values).all())
 
 
-def _name(provider: Any) -> str:
+def provider_name(provider: Provider) -> str:
+    """The name of a provider that is given with or without options."""
     return str(provider if isinstance(provider, str) else provider[0])
 
 
@@ -128,12 +147,12 @@ def _available(providers: Sequence[Any], allow_fallback: bool) -> list[Any]:
     have = ort.get_available_providers()
     kept = []
     for provider in providers:
-        name = _name(provider)
+        name = provider_name(provider)
         if name in have:
             kept.append(provider)
         else:
             _fall_back(f"{name} is not in the installed ONNX Runtime (it has {', '.join(have)})", name, allow_fallback)
-    return kept if CPU in map(_name, kept) else [*kept, CPU]
+    return kept if CPU in map(provider_name, kept) else [*kept, CPU]
 
 
 def _fall_back(reason: str, provider: str, allowed: bool) -> None:
@@ -141,4 +160,4 @@ def _fall_back(reason: str, provider: str, allowed: bool) -> None:
     cure = f"install {package} in place of onnxruntime" if package else "choose one of those"
     if not allowed:
         raise ProviderError(f"{reason}; {cure}, or allow the fallback to the CPU (allow_fallback=True)")
-    warnings.warn(f"{reason}; running without it. To use it, {cure}", MosWarning, stacklevel=5)
+    warnings.warn(f"{reason}; running without it. To use it, {cure}", MosWarning, stacklevel=6)

@@ -1,38 +1,22 @@
 """The point head on a CPU: a sparse U-net over voxels with a point branch (paper, Sec. III-D)."""
 
-import threading
 from collections.abc import Mapping
-from math import ceil
 from time import perf_counter
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arena import Arena
-from runtime.errors import InferenceError, ScanError, SettingError
 from runtime.head_config import PointHeadConfig
 from runtime.head_weights import checked, fold, layers
 from runtime.kernel_map import KernelMap, Scale, build_scales, neighbours, table_map, up_map
-from runtime.region import receptive_field, surroundings
+from runtime.refinement import DEFAULT_HALO, FeatureMap, Floats, PointHead
 from runtime.sparse_conv import Packed, convolve, dense, pack, padded
-from runtime.transfer import classify, exchange, features_to_voxels, to_points
-from runtime.voxels import Voxels, voxelise
+from runtime.transfer import classify, exchange, features_to_voxels
+from runtime.voxels import Voxels
 from runtime.workers import Workers
 
 __all__ = ["DEFAULT_HALO", "FeatureMap", "PointHeadEngine", "fold"]
-
-DEFAULT_HALO = 1.0  # m around candidates
-
-Floats = NDArray[np.float32]
-
-
-class FeatureMap(NamedTuple):
-    """Features of an image and the pixel of each point; only the voxels that are refined read theirs."""
-
-    features: Floats  # (c, H, W)
-    u: NDArray[np.int32]  # (N,) column, negative: no pixel (features are 0)
-    v: NDArray[np.int32]  # (N,) row
 
 
 class _Maps(NamedTuple):
@@ -46,112 +30,18 @@ class _Maps(NamedTuple):
     members: list[NDArray[np.int32]]  # first voxel of stride 1 of each voxel
 
 
-class PointHeadEngine:
-    """Refines coarse results. One call at a time (others wait); workspaces are reused from scan to scan."""
+class PointHeadEngine(PointHead):
+    """The engine of the processor: sorted voxel keys, kernel maps, and convolutions that read their rows in place."""
 
     def __init__(self, weights: Mapping[str, NDArray[np.generic]], config: PointHeadConfig, workers: Workers) -> None:
         """`weights`: as `fold` returns them, float16 or float32. Raises BundleError where they do not fit."""
-        self.config, self.workers = config, workers
-        self.timing: dict[str, float] = {}  # s spent in each step of the last scan
-        self.multiply_adds = 0  # of the last scan's convolutions and dense layers, existing pairs only
-        self.voxels = 0  # voxels refined in the last scan
-        self._arena = Arena()
-        self._lock = threading.Lock()
+        super().__init__(config, workers)
         values = checked(weights, config)
         self._layers: dict[str, tuple[Packed, int]] = {}  # weights, multiply-adds of a pair
         for layer in layers(config):
             weight, bias = values[f"{layer.name}.weight"], values.get(f"{layer.name}.bias")
             self._layers[layer.name] = pack(weight, bias, layer.inputs), sum(layer.inputs) * layer.outputs
         self._classifier = np.ascontiguousarray(values["classifier.weight"].T), values["classifier.bias"]
-
-    def refine(
-        self,
-        xyz: Floats,
-        valid: NDArray[np.bool_],
-        pixel_features: Floats | FeatureMap | tuple[Floats, NDArray[np.int32], NDArray[np.int32]],
-        candidates: NDArray[np.bool_] | None = None,
-        halo: float | Literal["exact"] = DEFAULT_HALO,
-    ) -> Floats:
-        """Class probabilities (N, 3) of a scan's points; NaN for points that were not refined.
-
-        `xyz` (N, 3) m, LiDAR frame; `valid` (N,) points that take part (those with NaN or infinity never do);
-        `pixel_features` (N, c), or a FeatureMap. `candidates` (N,): refine these only, looking only at voxels
-        within `halo` m of theirs (on each axis); "exact" is wide enough for the result of a full run. None:
-        refine all valid points. Raises ScanError for shapes that do not fit and scans that span 2^21 voxels,
-        InferenceError where the features are not finite.
-        """
-        with self._lock:
-            self.timing = dict.fromkeys(("voxels", "maps", "transfers", "convolutions"), 0.0)
-            self.multiply_adds = self.voxels = 0
-            count = len(xyz)
-            features, rows = self._features(pixel_features, count)
-            result = np.full((count, 3), np.nan, np.float32)
-            wanted = np.ones(count, np.bool_) if candidates is None else np.require(candidates, np.bool_, ["C", "W"])
-            if wanted.shape != (count,):
-                raise ScanError(f"the mask of candidates must be ({count},), not {wanted.shape}")
-            reach = self._reach(halo)
-            if not wanted.any():
-                return result
-            began = perf_counter()
-            voxels = voxelise(xyz, self.config.voxel_size, self.workers, valid)
-            kept = (
-                self._kept(voxels, wanted, reach)
-                if candidates is not None
-                else np.arange(len(voxels.keys), dtype=np.int32)
-            )
-            self._spent("voxels", began)
-            if len(kept):
-                probabilities = self._network(voxels, kept, features, rows)
-                if not np.isfinite(probabilities).all():
-                    raise InferenceError("the point head's result is not finite: look for NaN in the features")
-                began = perf_counter()
-                place = np.full(len(voxels.keys), -1, np.int32)
-                place[kept] = np.arange(len(kept), dtype=np.int32)
-                to_points(probabilities, place, voxels.inverse, wanted, result)
-                self._spent("transfers", began)
-            return result
-
-    @property
-    def workspace(self) -> int:
-        """Bytes held from scan to scan."""
-        return self._arena.nbytes
-
-    def _reach(self, halo: float | Literal["exact"]) -> int:
-        """Voxels around candidates."""
-        if halo == "exact":
-            return receptive_field(self.config)
-        if not isinstance(halo, int | float) or not 0 <= halo < float("inf"):
-            raise SettingError(f'halo must be "exact" or a distance of 0 m or more, not {halo!r}')
-        return ceil(halo / self.config.voxel_size - 1e-6)
-
-    def _features(
-        self, given: Floats | FeatureMap | tuple[Floats, NDArray[np.int32], NDArray[np.int32]], count: int
-    ) -> tuple[Floats, NDArray[np.int32]]:
-        """Features as (R, c), in any memory order, and the row of each point."""
-        if isinstance(given, tuple):
-            image, u, v = given
-            channels, _, width = image.shape
-            if channels == self.config.in_channels and np.shape(u) == np.shape(v) == (count,):
-                image = np.require(image, np.float32, ["C", "W"]).reshape(channels, -1).T
-                return image, np.where(u >= 0, v * np.int32(width) + u, np.int32(-1)).astype(np.int32)
-            shapes = f"{given[0].shape}, {np.shape(u)} and {np.shape(v)}"
-        elif given.shape == (count, self.config.in_channels):
-            return np.require(given, np.float32, ["C", "W"]), np.arange(count, dtype=np.int32)
-        else:
-            shapes = str(given.shape)
-        channels = self.config.in_channels
-        raise ScanError(
-            f"features of {count} points must be ({count}, {channels}), or ({channels}, H, W) with two "
-            f"({count},) arrays of pixels, not {shapes}"
-        )
-
-    def _kept(self, voxels: Voxels, wanted: NDArray[np.bool_], reach: int) -> NDArray[np.int32]:
-        """Rows of the voxels to look at."""
-        candidates = np.zeros(len(voxels.keys), np.bool_)
-        candidates[voxels.inverse[wanted & (voxels.inverse >= 0)]] = True
-        if not candidates.any():
-            return np.zeros(0, np.int32)
-        return surroundings(voxels.keys, candidates, reach, self._arena, self.workers)
 
     def _network(self, voxels: Voxels, kept: NDArray[np.int32], features: Floats, rows: NDArray[np.int32]) -> Floats:
         """Class probabilities (K, 3) of the voxels `kept` (K,)."""
@@ -255,8 +145,3 @@ class PointHeadEngine:
     def _take(self, name: str, level: int, sizes: list[int], channels: int) -> Floats:
         """A workspace with a row for each voxel of a scale."""
         return self._arena.take(f"{name}{level}", (sizes[level], padded(channels)))
-
-    def _spent(self, step: str, began: float) -> float:
-        now = perf_counter()
-        self.timing[step] += now - began
-        return now

@@ -16,13 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from runtime.bundle import Bundle, default_bundle_path, load_bundle
 from runtime.errors import MosWarning, SettingError
 from runtime.history import History
-from runtime.image_net import ImageNet
+from runtime.image_net import ImageNet, provider_name
 from runtime.inputs import ImageInput, InputBuilder
 from runtime.jit import is_cached
 from runtime.knn import MOVING, STATIC, knn_vote
-from runtime.point_head import FeatureMap, PointHeadEngine
+from runtime.onnx_head import choose_head
 from runtime.poses import check_pose
 from runtime.projection import project_scan
+from runtime.refinement import FeatureMap, PointHead
 from runtime.scans import as_scan
 from runtime.sensor import HISTORY
 from runtime.workers import Workers
@@ -56,6 +57,7 @@ class MosRunner:
         threads: int | None = None,
         postprocess: Literal["none", "knn", "head"] | None = None,
         refine: Literal["near", "all"] = "near",
+        head_engine: Literal["auto", "numba", "onnx"] = "auto",
         precision: str = "auto",
         providers: Sequence[Any] | None = None,
         allow_fallback: bool = False,
@@ -68,7 +70,10 @@ class MosRunner:
         postprocess: "head" refines points by the point head, "knn" lets them vote, "none" takes their pixel's result;
             None: what the bundle says.
         refine: the point head looks "near" points that may move (the others keep their pixel's result), or at "all".
-        precision, providers, allow_fallback, session_options: see `ImageNet`.
+        head_engine: of the point head: "numba" on the processor, "onnx" on `providers`; "auto": "onnx" on a GPU's
+            provider where the bundle has `point_head.onnx`, else "numba".
+        precision: of the image network: "float32", "int8", or "auto": INT8 where the bundle has it.
+        providers, allow_fallback, session_options: see `runtime.image_net.open_session`.
 
         Raises BundleError, ProviderError or SettingError.
         """
@@ -86,7 +91,6 @@ class MosRunner:
         if self.postprocess == "head" and manifest.point_head is None:
             raise SettingError(f"bundle {manifest.name!r} has no point head: choose postprocess 'knn' or 'none'")
         self.refine = refine
-        self._threshold = manifest.decision.threshold
         self._inputs = InputBuilder(manifest.sensor, manifest.residual, self.workers)
         self._image_net = ImageNet.of(
             self.bundle,
@@ -96,9 +100,10 @@ class MosRunner:
             allow_fallback=allow_fallback,
             session_options=session_options,
         )
-        self._head: PointHeadEngine | None = None
-        if self.postprocess == "head" and manifest.point_head is not None:
-            self._head = PointHeadEngine(self.bundle.point_head(), manifest.point_head, self.workers)
+        self._head: PointHead | None = None
+        if self.postprocess == "head":
+            started = [given for given in providers or () if provider_name(given) in self._image_net.providers]
+            self._head = choose_head(self.bundle, self.workers, head_engine, started, session_options=session_options)
         self._history = History()
         self._points = np.empty((0, 4), np.float32)
         self._lock = threading.Lock()
@@ -193,7 +198,8 @@ class MosRunner:
         valid = image.pixel >= 0
         at = np.maximum(image.pixel, 0)
         probability = np.where(valid, probabilities[MOVING].reshape(-1)[at], np.float32(0))
-        classes = self._classes(probabilities)  # (H, W)
+        decision = self.bundle.manifest.decision
+        classes = _classes(probabilities, decision.threshold)  # (H, W)
         if self.postprocess == "knn":
             labels = knn_vote(classes, image.range_image, image.u, image.v, image.range, self.workers)
             return labels == MOVING, probability
@@ -203,15 +209,8 @@ class MosRunner:
             refined = self._head.refine(points[:, :3], valid, FeatureMap(features, image.u, image.v), candidates)
             known = ~np.isnan(refined[:, MOVING])
             probability = np.where(known, refined[:, MOVING], probability)
-            moving = np.where(known, self._classes(refined.T) == MOVING, moving)
+            moving = np.where(known, _classes(refined.T, decision.head_threshold) == MOVING, moving)
         return moving, probability
-
-    def _classes(self, probabilities: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Class of probabilities (3, ...): the most likely, or moving from the bundle's threshold on."""
-        if self._threshold is None:
-            best: NDArray[np.uint8] = probabilities.argmax(axis=0).astype(np.uint8)
-            return best
-        return np.where(probabilities[MOVING] > self._threshold, np.uint8(MOVING), np.uint8(STATIC))
 
     def _warm_up(self) -> None:
         """Compile or load every kernel, and let ONNX Runtime lay out its memory."""
@@ -225,3 +224,11 @@ class MosRunner:
         self(wall, np.eye(4))
         self.refine = refine
         self.reset()
+
+
+def _classes(probabilities: NDArray[np.float32], threshold: float | None) -> NDArray[np.uint8]:
+    """Class of probabilities (3, ...): the most likely, or moving from a threshold on."""
+    if threshold is None:
+        best: NDArray[np.uint8] = probabilities.argmax(axis=0).astype(np.uint8)
+        return best
+    return np.where(probabilities[MOVING] > threshold, np.uint8(MOVING), np.uint8(STATIC))

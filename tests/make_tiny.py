@@ -85,7 +85,7 @@ def main(folder: Path = FOLDER) -> None:
     image_net, point_head = random_network(config)
     save(folder / "checkpoint.pt", config, image_net, point_head, {"trained": False}, half=True)
     with tempfile.TemporaryDirectory() as work:
-        export_checkpoint(folder / "checkpoint.pt", Path(work) / "bundle")
+        export_checkpoint(folder / "checkpoint.pt", Path(work) / "bundle", point_head_onnx=True)
         shutil.copytree(Path(work) / "bundle", folder / "bundle", dirs_exist_ok=True)
     write_scans(folder / "scans")
     np.save(folder / "expected.npy", expected_probabilities(folder / "checkpoint.pt", folder / "scans/sequences/00"))

@@ -14,6 +14,7 @@ import torch
 
 from export import parity, to_onnx, write
 from export.to_onnx import export_checkpoint, main
+from mos_model.checkpoint import save
 from mos_model.simulator import PROFILES, simulate
 from runtime.bundle import load_bundle
 from runtime.errors import BundleError, CheckpointError, OutputError, ParityError, SettingError
@@ -35,8 +36,8 @@ def thin_scans():
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory):
-    """What an export of the tiny checkpoint did."""
-    return export_checkpoint(TINY / "checkpoint.pt", tmp_path_factory.mktemp("first") / "bundle")
+    """What an export of the tiny checkpoint did, with everything that a bundle can hold."""
+    return export_checkpoint(TINY / "checkpoint.pt", tmp_path_factory.mktemp("first") / "bundle", point_head_onnx=True)
 
 
 def contents(folder):
@@ -48,15 +49,17 @@ def test_the_bundle_agrees_and_says_so(first):
     assert 0 < first.parity.worst() < 1e-5
     assert manifest.parity["image_net"] >= first.parity.image_net
     assert manifest.parity["point_head"] >= first.parity.point_head
+    assert manifest.parity["point_head_onnx"] >= first.parity.point_head_onnx > 0
     assert manifest.parity["limit"] == 1e-4
     assert manifest.weights["trained"] is False
     assert manifest.model == tiny_config().to_dict()
     assert {entry.precision for entry in manifest.files.values()} == {"float16"}
-    assert set(contents(first.bundle.path)) == {"manifest.json", "image_net.onnx", "point_head.npz"}
+    files = {"manifest.json", "image_net.onnx", "point_head.npz", "point_head.onnx"}
+    assert set(contents(first.bundle.path)) == files
 
 
 def test_the_same_checkpoint_gives_the_same_bytes(first, tmp_path):
-    again = export_checkpoint(TINY / "checkpoint.pt", tmp_path / "again")
+    again = export_checkpoint(TINY / "checkpoint.pt", tmp_path / "again", point_head_onnx=True)
     assert contents(first.bundle.path) == contents(again.bundle.path)
 
 
@@ -99,6 +102,33 @@ def test_a_bundle_that_disagrees_is_not_kept(monkeypatch, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_onnx_point_head_that_disagrees_is_not_kept(monkeypatch, tmp_path):
+    real = to_onnx.head_bytes
+
+    def spoilt(arrays, config):
+        return real(arrays | {"classifier.bias": arrays["classifier.bias"] + np.float32([0, 0, 0.1])}, config)
+
+    monkeypatch.setattr(to_onnx, "head_bytes", spoilt)
+    with pytest.raises(ParityError, match="as ONNX graph"):
+        export_checkpoint(TINY / "checkpoint.pt", tmp_path / "bundle", point_head_onnx=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_onnx_point_head_is_optional(tmp_path):
+    made = export_checkpoint(TINY / "checkpoint.pt", tmp_path / "bundle")
+    assert set(made.bundle.manifest.files) == {"image_net.onnx", "point_head.npz"}
+    assert made.parity.point_head_onnx is None
+    assert "point_head_onnx" not in made.bundle.manifest.parity
+
+
+def test_no_onnx_point_head_without_a_point_head(tmp_path):
+    config = dataclasses.replace(tiny_config(), point_head=None)
+    image_net, _ = random_network(config)
+    save(tmp_path / "checkpoint.pt", config, image_net, None, {"trained": False}, half=True)
+    with pytest.raises(SettingError, match="has no point head"):
+        export_checkpoint(tmp_path / "checkpoint.pt", tmp_path / "bundle", point_head_onnx=True)
+
+
 def test_a_failed_export_leaves_the_earlier_bundle(monkeypatch, tmp_path):
     out = tmp_path / "bundle"
     with write.replacing(out) as folder:
@@ -136,10 +166,12 @@ def test_the_script_exports_from_a_checkout(tmp_path):
     out = tmp_path / "bundle"
     command = [sys.executable, "-W", "error", ROOT / "export" / "to_onnx.py", "--checkpoint", TINY / "checkpoint.pt"]
     command += ["--out", out, "--height", "32", "--width", "128", "--weights", "float32", "--threads", "1"]
+    command += ["--point-head-onnx"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "parity   image network" in done.stdout
+    assert ", as ONNX graph" in done.stdout
     assert "not trained" in done.stdout
     manifest = load_bundle(out).manifest
     assert (manifest.sensor.height, manifest.sensor.width) == (32, 128)
