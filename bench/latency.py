@@ -1,44 +1,201 @@
-"""Time from points and pose to labels, stage by stage, through MosRunner: `python -m bench.latency`."""
+"""The paper's runtime table on this machine: `python -m bench.latency`.
 
+Networks of the paper run with random weights, for their time does not follow content: the point head looks at every
+point ("all"), or at given ones (the labelled movers). The default bundle runs as it is. Every row has a process of its
+own, so that its peak of memory is its own.
+"""
+
+import multiprocessing
 import resource
+import tempfile
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
+import numpy as np
 import typer
 
-from bench.report import save, show, summary
-from bench.scans import load_frames
+from bench.image_net import compare
+from bench.plot import stacked_bars
+from bench.report import interleaved, save, show, summary
 from runtime import MosRunner
+from runtime.labels import read_labels, to_classes, write_labels
 from runtime.sensor import HISTORY
+from runtime.sequence import open_sequence
+
+SHOWN = ("read", "input", "network", "postprocess", "history", "write", "scan")
+
+
+class Row(NamedTuple):
+    """A system of the table."""
+
+    config: str  # name of a configuration; "": the default bundle
+    postprocess: str | None
+    refine: str = "near"
+
+
+ROWS = {
+    "LMNet, kNN": Row("lmnet", "knn"),
+    "v1, kNN": Row("v1", "knn"),
+    "v2-lite, all points": Row("v2-lite", "head", "all"),
+    "v2, all points": Row("v2", "head", "all"),
+    "default bundle": Row("", None),
+}
+
+
+def random_bundle(config: str, folder: Path) -> Path:
+    """The bundle of a configuration of the paper with random weights."""
+    import torch
+
+    from export.to_onnx import export_checkpoint
+    from mos_model import checkpoint
+    from mos_model.config import named_config
+    from mos_model.network import build_image_network, build_point_head
+
+    torch.manual_seed(0)
+    model = named_config(config)
+    path = folder / f"{config}.pt"
+    checkpoint.save(path, model, build_image_network(model), build_point_head(model))
+    return export_checkpoint(path, folder / config, weights="float32", trained=False).bundle.path
+
+
+def measure(row: Row, bundle: Path | None, folder: Path, threads: int, scans: int) -> dict[str, Any]:
+    """Seconds of every stage over `scans` scans of a sequence, back and forth, with a full history."""
+    sequence = open_sequence(folder, limit=60)
+    runner = MosRunner(bundle, threads=threads, postprocess=row.postprocess, refine=row.refine)  # type: ignore[arg-type]
+    order = [*range(len(sequence)), *range(len(sequence) - 2, 0, -1)]
+    for i in range(HISTORY):
+        runner.remember(*sequence.read(order[i % len(order)]))
+    stages: dict[str, list[float]] = {}
+    with tempfile.TemporaryDirectory() as out:
+        for i in range(HISTORY, HISTORY + scans + 1):
+            (points, pose), read = _timed(sequence.read, order[i % len(order)])
+            result, ran = _timed(runner, points, pose)
+            _, wrote = _timed(write_labels, Path(out) / "scan.label", result.moving)
+            if i > HISTORY:  # the first result lays out memory
+                seconds = {**result.timing, "read": read, "write": wrote, "scan": read + ran + wrote}
+                for stage, value in seconds.items():
+                    stages.setdefault(stage, []).append(value)
+    found = {stage: summary(stages[stage]) for stage in (*SHOWN, "total")}
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    manifest = runner.bundle.manifest
+    return {"ms": found, "peak_mb": round(peak), "network": manifest.name, "postprocess": runner.postprocess}
+
+
+def measure_head(config: str, folder: Path, threads: int, rounds: int) -> dict[str, Any]:
+    """The point head alone on one scan, random weights: all points and the labelled movers; PyTorch on all."""
+    import torch
+
+    from mos_model.config import named_config
+    from mos_model.network import build_point_head
+    from runtime.inputs import InputBuilder
+    from runtime.point_head import FeatureMap, PointHeadEngine, fold
+    from runtime.workers import Workers
+
+    torch.manual_seed(0)
+    torch.set_num_threads(threads)
+    model = named_config(config)
+    head = build_point_head(model)
+    assert head is not None
+    assert model.point_head is not None
+    head.eval()
+    weights = fold({key: value.numpy() for key, value in head.state_dict().items()}, model.point_head)
+    engine = PointHeadEngine(weights, model.point_head, Workers(threads))
+    sequence = open_sequence(folder, limit=60)
+    index = len(sequence) // 2
+    points, _ = sequence.read(index)
+    built = InputBuilder(model.sensor, model.residual, Workers(threads)).build(points, [], [])
+    image = np.random.default_rng(0).normal(0, 1, (32, model.sensor.height, model.sensor.width)).astype(np.float32)
+    xyz, valid = np.ascontiguousarray(points[:, :3]), built.pixel >= 0
+    features = FeatureMap(image, built.u, built.v)
+    rows = torch.from_numpy(image.reshape(32, -1).T[built.pixel[valid]].copy())
+
+    @torch.inference_mode()
+    def plain() -> np.ndarray:
+        return head(head.grid(torch.from_numpy(xyz[valid])), rows).softmax(1).numpy()
+
+    ours = engine.refine(xyz, valid, features)[valid]
+    tasks = {"all points": lambda: engine.refine(xyz, valid, features), "PyTorch, all points": plain}
+    labels = folder / "labels" / f"{sequence.scans[index].stem}.label"
+    share = None
+    if labels.is_file():
+        moving = valid & (to_classes(read_labels(labels, len(points))) == 2)
+        share = float(moving.mean())
+        tasks["labelled movers"] = lambda: engine.refine(xyz, valid, features, moving)
+    return {
+        "ms": {name: summary(seconds) for name, seconds in interleaved(tasks, rounds).items()},
+        "largest_difference": float(np.abs(ours - plain()).max()),
+        "share_of_movers": share,
+    }
+
+
+def _timed(call: Any, *arguments: Any) -> tuple[Any, float]:
+    from time import perf_counter
+
+    started = perf_counter()
+    result = call(*arguments)
+    return result, perf_counter() - started
+
+
+def alone(call: Any, *arguments: Any) -> Any:
+    """The result of a call in a process of its own."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(call, arguments)
 
 
 def bench(
-    bundles: Annotated[list[Path] | None, typer.Argument(help="Bundles", show_default="the default one")] = None,
     sequence: Annotated[Path | None, typer.Option(help="A KITTI sequence; else a simulated street")] = None,
-    postprocess: Annotated[str | None, typer.Option(help="none, knn or head", show_default="the bundle's")] = None,
-    refine: Annotated[str, typer.Option(help="near or all")] = "near",
     threads: int = 2,
-    scans: Annotated[int, typer.Option(help="Measured scans (the sequence forwards and backwards)")] = 200,
-    out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
+    scans: Annotated[int, typer.Option(help="Of the default bundle")] = 200,
+    slow_scans: Annotated[int, typer.Option(help="Of the others")] = 7,
+    rounds: Annotated[int, typer.Option(help="Of the engines side by side")] = 5,
+    quick: Annotated[bool, typer.Option("--quick", help="Two minutes: fewer scans, no v2")] = False,
+    compiled: Annotated[bool, typer.Option("--compiled", help="PyTorch's compiler too (takes minutes)")] = False,
+    out: Annotated[Path | None, typer.Option(help="JSON file; a plot (SVG) beside it")] = None,
 ) -> None:
-    """Percentiles of each stage of the runner, in ms; the history is full. Peak memory is that of the process."""
-    frames = load_frames(sequence, 60)
-    there_and_back = frames + frames[-2:0:-1]
-    results = {}
-    for bundle in bundles or [None]:
-        runner = MosRunner(bundle, threads=threads, postprocess=postprocess, refine=refine)
-        stages: dict[str, list[float]] = {}
-        for i in range(HISTORY + scans):
-            result = runner(*there_and_back[i % len(there_and_back)])
-            for stage, seconds in result.timing.items() if i >= HISTORY else ():
-                stages.setdefault(stage, []).append(seconds)
-        name = f"{runner.bundle.manifest.name}, {runner.postprocess}"
-        results[name] = {stage: summary(seconds) for stage, seconds in stages.items()}
-        points = sum(len(scan) for scan, _ in frames) // len(frames)
-        show(f"{name}, {points} points a scan, {threads} threads, ms", results[name])
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    typer.echo(f"peak resident memory: {peak:.0f} MB")
-    save(out, threads, {"points": points, "ms": results, "peak_mb": round(peak)})
+    """From scan and pose to labels, stage by stage; image networks and point heads beside PyTorch and OpenVINO."""
+    if quick:
+        scans, slow_scans, rounds = 50, 2, 2
+    rows = {name: row for name, row in ROWS.items() if not (quick and row.config in ("v2", "lmnet"))}
+    with tempfile.TemporaryDirectory() as temporary:
+        work = Path(temporary)
+        if sequence is None:
+            from mos_model.simulator.write import write_dataset
+
+            sequence = write_dataset(work / "street", 1, 40, 7).path / "sequences" / "00"
+        found: dict[str, dict[str, Any]] = {}
+        for name, row in rows.items():
+            bundle = alone(random_bundle, row.config, work) if row.config else None
+            count = slow_scans if row.config else scans
+            found[name] = alone(measure, row, bundle, sequence, threads, count)
+            typer.echo(f"{name}: {found[name]['ms']['scan']['median']:.0f} ms a scan", err=True)
+        networks = {
+            config: alone(compare, config, 16 if config == "rt" else 32, threads, rounds, compiled)[0]
+            for config in ("lmnet", "v1", "rt")
+            if not (quick and config == "lmnet")
+        }
+        heads = {
+            config: alone(measure_head, config, sequence, threads, rounds)
+            for config in ("v2-lite", "v2")
+            if not (quick and config == "v2")
+        }
+    table = {
+        name: {stage: row["ms"][stage]["median"] for stage in SHOWN}
+        | {"p95": row["ms"]["scan"].get("p95", ""), "scans": row["ms"]["scan"]["runs"], "peak MB": row["peak_mb"]}
+        for name, row in found.items()
+    }
+    show(f"milliseconds a scan (median), {threads} threads; input: projection and residual images", table)
+    show(
+        f"image network alone, ms (median), {threads} threads",
+        {name: {engine: row["median"] for engine, row in engines.items()} for name, engines in networks.items()},
+    )
+    show(
+        f"point head alone, ms (median), {threads} threads",
+        {name: {what: row["median"] for what, row in head["ms"].items()} for name, head in heads.items()},
+    )
+    save(out, threads, {"quick": quick, "rows": found, "image_networks_ms": networks, "point_heads": heads})
+    if out is not None:
+        bars = {name: {stage: row[stage] for stage in SHOWN[:-1]} for name, row in table.items()}
+        stacked_bars(out.with_suffix(".svg"), bars, "ms a scan, median")
 
 
 if __name__ == "__main__":

@@ -124,7 +124,11 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
     features = _channels_of_features(source)
     head = config.point_head
     files = [IMAGE_NET] + [name for name in (POINT_HEAD, POINT_HEAD_ONNX) if (folder / name).exists()]
-    record = {key: value for key, value in training.items() if key not in ("resume", "accuracy", "threshold", "head_threshold")}
+    record = {
+        key: value
+        for key, value in training.items()
+        if key not in ("resume", "accuracy", "threshold", "head_threshold")
+    }
     return Manifest(
         name=config.name,
         sensor=config.sensor,

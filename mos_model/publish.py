@@ -62,9 +62,7 @@ def probabilities(found: Checkpoint, sample: Sample) -> tuple[NDArray[np.float32
 def calibrate(found: Checkpoint, streets: int, frames: int = 2) -> tuple[Histogram, Histogram]:
     """Histograms of pixels and of points over calibration streets."""
     samples = SampleConfig(found.config.sensor, found.config.residual, points=True)
-    source = SimulatedStreets(
-        samples, frames=frames, every=4, first_street=CALIBRATION_STREETS, movers=LIGHT_TRAFFIC
-    )
+    source = SimulatedStreets(samples, frames=frames, every=4, first_street=CALIBRATION_STREETS, movers=LIGHT_TRAFFIC)
     pixels, points = Histogram(), Histogram()
     for number in range(streets):
         for sample in source.group(number):

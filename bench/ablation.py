@@ -1,0 +1,113 @@
+"""The paper's ablation table at a small width: `python -m bench.ablation runs/ablation --out ablation.json`.
+
+Every row (a to e) trains from the same seed on the same simulated streets for the same number of steps, and then a
+point head on its frozen image network. Thresholds come from calibration streets, scores from other held-out streets
+through `MosRunner`. What is finished in the folder of the runs is not done again.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import torch
+import typer
+
+from bench.accuracy import STREETS, Drive, simulated
+from bench.report import save, show
+from export.to_onnx import export_checkpoint
+from mos_model import checkpoint
+from mos_model.config import ModelConfig, named_config
+from mos_model.distributed import join_ranks
+from mos_model.publish import publish
+from mos_model.recipe import TrainConfig, recipe
+from mos_model.session import run_training
+from mos_model.sources import SIMULATED
+from runtime import MosRunner
+from runtime.evaluation.confusion import Confusion
+from runtime.head_config import SMALL
+
+ROWS = {  # of the paper's table: what each adds
+    "a": ("lmnet", "one branch (LMNet)"),
+    "b": ("b", "two branches, attention"),
+    "c": ("c", "b + SoftPool"),
+    "d": ("d", "b + MetaKernel"),
+    "e": ("e", "b + both"),
+}
+POSTPROCESSES = ("none", "knn", "head")
+
+
+def train(model: ModelConfig, config: TrainConfig, out: Path, init: Path | None = None) -> Path:
+    """Train to the last step, from where an earlier call was interrupted. Returns the checkpoint."""
+    last = out / "last.pt"
+    if last.is_file() and checkpoint.read(last)["training"]["step"] >= config.steps:
+        return last
+    ranks = join_ranks("cpu")
+    run_training(
+        model, lambda _: config, SIMULATED, out, ranks=ranks, init=None if last.is_file() else init,
+        resume=last.is_file(), workers=1, log_every=50,
+    )  # fmt: skip
+    return last
+
+
+def make_bundle(model: ModelConfig, first: TrainConfig, second: TrainConfig, folder: Path) -> Path:
+    """Both stages, thresholds, export. Returns the bundle."""
+    bundle = folder / "bundle"
+    if not (bundle / "manifest.json").is_file():
+        image = train(replace(model, point_head=None), first, folder / "stage1")
+        whole = train(model, second, folder / "stage2", init=image)
+        publish(whole, folder / "checkpoint.pt", streets=12, data="simulated streets, for the ablation")
+        export_checkpoint(folder / "checkpoint.pt", bundle)
+    return bundle
+
+
+def score(runner: MosRunner, drives: list[Drive]) -> Iterator[tuple[str, float]]:
+    """Moving IoU, precision and recall (%) over the scored scans."""
+    confusion = Confusion()
+    for drive in drives:
+        runner.reset()
+        for scan in drive():
+            if scan.scored:
+                confusion.add(scan.classes, runner(scan.points, scan.pose).moving + 1)
+            else:
+                runner.remember(scan.points, scan.pose)
+    for measure in ("iou", "precision", "recall"):
+        yield measure, round(100 * getattr(confusion, measure), 2)
+
+
+def bench(
+    runs: Annotated[Path, typer.Argument(help="Folder of the runs")],
+    channels: Annotated[int, typer.Option(help="Width of all networks (the paper's is 32)")] = 8,
+    steps: Annotated[int, typer.Option(help="Of stage 1")] = 600,
+    head_steps: Annotated[int, typer.Option(help="Of stage 2")] = 250,
+    crop: Annotated[int, typer.Option(help="Columns of the training crops")] = 256,
+    seed: int = 0,
+    streets: Annotated[int, typer.Option(help="Simulated test streets")] = 24,
+    frames: Annotated[int, typer.Option(help="Scored scans of each")] = 2,
+    rows: Annotated[str, typer.Option(help="Of the table")] = "abcde",
+    threads: int = 2,
+    out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
+) -> None:
+    """Moving IoU (%) of rows a to e by post-processing, with equal steps, data and seeds."""
+    torch.set_num_threads(threads)
+    common: dict[str, Any] = {"seed": seed, "validate_every": 10**6, "validation_streets": 2, "weight_samples": 60}
+    first = recipe("sim2real", steps=steps, crop=crop, crops=4, street_frames=6, warmup=steps // 10, ema=0.99, **common)
+    second = recipe("sim2real", 2, steps=head_steps, street_frames=4, warmup=head_steps // 10, ema=0.99, **common)
+    head = replace(SMALL, in_channels=channels)
+    drives = simulated(STREETS, streets, frames)
+    table: dict[str, dict[str, float]] = {}
+    scores: dict[str, dict[str, dict[str, float]]] = {}
+    for row in rows:
+        name, what = ROWS[row]
+        bundle = make_bundle(named_config(name, channels, point_head=head), first, second, runs / row)
+        scores[row] = {
+            kind: dict(score(MosRunner(bundle, threads=threads, postprocess=kind), drives)) for kind in POSTPROCESSES
+        }
+        table[f"{row}: {what}"] = {kind: scores[row][kind]["iou"] for kind in POSTPROCESSES}
+        show(f"moving IoU, %: {channels} channels, {steps} + {head_steps} steps", table)
+    settings = {"channels": channels, "steps": steps, "head_steps": head_steps, "crop": crop, "seed": seed}
+    save(out, threads, settings | {"streets": streets, "frames": frames, "percent": scores})
+
+
+if __name__ == "__main__":
+    typer.run(bench)
