@@ -1,8 +1,9 @@
 """From the checkpoint of a run to the one that ships: `python -m mos_model.publish RUN/last.pt OUT/checkpoint.pt`.
 
 Keeps the tensors in half precision and chooses, on simulated streets that neither training nor validation saw, the
-probabilities from which a pixel, and a point of the point head, count as moving. Their traffic is light, as on most
-streets; training streets have more movers than life, and a threshold chosen on them would raise false alarms.
+probabilities from which a pixel, and a point of the point head, count as moving: those of the highest IoU at which
+streets without a mover stay quiet. Traffic is light, as on most streets; training streets have more movers than life,
+and a threshold chosen on them would raise false alarms.
 """
 
 from dataclasses import replace
@@ -22,26 +23,35 @@ from runtime.runner import CANDIDATE
 CALIBRATION_STREETS = 15_000_000  # seeds from here on choose thresholds; validation has those below
 BINS = 200
 LIGHT_TRAFFIC = 0.35  # of the usual density
+QUIET = 0.001  # largest share of false alarms on streets without a mover
 
 
 class Histogram:
-    """Probabilities of moving, counted for the static and the moving class."""
+    """Probabilities of moving, counted for the static and the moving class, and for scans without a mover."""
 
     def __init__(self) -> None:
         self.counts = np.zeros((2, BINS), np.int64)
+        self.quiet = np.zeros(BINS, np.int64)
 
     def add(self, probability: NDArray[np.float32], labels: NDArray[np.uint8]) -> None:
-        """Count probabilities and labels of the same shape."""
+        """Count probabilities and labels of a scan, of the same shape."""
         bins = np.minimum((probability * BINS).astype(np.int64), BINS - 1)
-        for row, label in enumerate((STATIC, MOVING)):
-            self.counts[row] += np.bincount(bins[labels == label], minlength=BINS)
+        static, moving = (np.bincount(bins[labels == label], minlength=BINS) for label in (STATIC, MOVING))
+        if moving.any():
+            self.counts += static, moving
+        else:
+            self.quiet += static
 
-    def best_threshold(self) -> tuple[float, float]:
-        """The threshold of highest IoU of the moving class, and that IoU."""
+    def best_threshold(self, most: float = 1.0) -> tuple[float, float]:
+        """The threshold of highest IoU of the moving class, and that IoU.
+
+        most: largest share of the `quiet` static ones at or above it.
+        """
         false = self.counts[0][::-1].cumsum()[::-1]  # static ones at or above the lower edge of each bin
         hit = self.counts[1][::-1].cumsum()[::-1]
+        alarms = self.quiet[::-1].cumsum()[::-1] / max(1, self.quiet.sum())
         iou = hit / np.maximum(1, self.counts[1].sum() + false)
-        best = int(iou.argmax())
+        best = int(np.where(alarms <= most, iou, -1.0).argmax())
         return best / BINS, float(iou[best])
 
 
@@ -60,22 +70,25 @@ def probabilities(found: Checkpoint, sample: Sample) -> tuple[NDArray[np.float32
 
 
 def calibrate(found: Checkpoint, streets: int, frames: int = 2) -> tuple[Histogram, Histogram]:
-    """Histograms of pixels and of points over calibration streets."""
+    """Histograms of pixels and of points over `streets` calibration streets with light traffic, and as many without."""
     samples = SampleConfig(found.config.sensor, found.config.residual, points=True)
-    source = SimulatedStreets(samples, frames=frames, every=4, first_street=CALIBRATION_STREETS, movers=LIGHT_TRAFFIC)
     pixels, points = Histogram(), Histogram()
-    for number in range(streets):
-        for sample in source.group(number):
-            image, refined = probabilities(found, sample)
-            pixels.add(image, sample.labels)
-            points.add(refined, sample.classes)
+    for first, traffic in ((CALIBRATION_STREETS, LIGHT_TRAFFIC), (CALIBRATION_STREETS + 10_000, 0.0)):
+        source = SimulatedStreets(samples, frames=frames, every=4, first_street=first, movers=traffic)
+        for number in range(streets):
+            for sample in source.group(number):
+                image, refined = probabilities(found, sample)
+                pixels.add(image, sample.labels)
+                points.add(refined, sample.classes)
     return pixels, points
 
 
 def publish(
     checkpoint: Annotated[Path, typer.Argument(help="Checkpoint of a run")],
     out: Annotated[Path, typer.Argument(help="Checkpoint that ships")],
-    streets: Annotated[int, typer.Option(help="Simulated streets that choose the thresholds")] = 40,
+    streets: Annotated[
+        int, typer.Option(help="Simulated streets for the thresholds; as many without movers")
+    ] = 40,
     name: Annotated[str | None, typer.Option(help="Of the bundle", show_default="the network's")] = None,
     postprocess: Annotated[str | None, typer.Option(help="none, knn or head: the bundle's default")] = None,
     data: Annotated[str, typer.Option(help="What the weights were trained on, for the manifest")] = (
@@ -85,11 +98,11 @@ def publish(
     """Write the checkpoint that ships."""
     found = load(checkpoint)
     pixels, points = calibrate(found, streets)
-    threshold, iou = pixels.best_threshold()
+    threshold, iou = pixels.best_threshold(QUIET)
     typer.echo(f"pixels: threshold {threshold:.3f}, moving IoU {100 * iou:.1f} on {streets} calibration streets")
     head_threshold = None
     if found.point_head is not None:
-        head_threshold, iou = points.best_threshold()
+        head_threshold, iou = points.best_threshold(QUIET)
         typer.echo(f"point head: threshold {head_threshold:.3f}, moving IoU {100 * iou:.1f}")
     training = {
         "threshold": threshold,

@@ -1,12 +1,13 @@
 """Thresholds and the checkpoint that ships."""
 
 import numpy as np
+import pytest
 import torch
 
 from mos_model import checkpoint
 from mos_model.config import named_config
 from mos_model.network import build_image_network, build_point_head
-from mos_model.publish import BINS, Histogram, calibrate, publish
+from mos_model.publish import BINS, QUIET, Histogram, calibrate, publish
 from runtime.head_config import PointHeadConfig
 from runtime.sensor import Sensor
 
@@ -31,6 +32,17 @@ def test_best_threshold_is_that_of_a_search():
     assert 0.3 < threshold < 0.7
 
 
+def test_quiet_scans_bound_the_threshold():
+    histogram = Histogram()
+    histogram.add(np.array([0.9, 0.6, 0.2], np.float32), np.array([2, 2, 1], np.uint8))
+    assert histogram.best_threshold()[0] < 0.6
+    histogram.add(np.linspace(0, 0.995, 1000, dtype=np.float32), np.ones(1000, np.uint8))
+    assert histogram.counts.sum() == 3
+    assert histogram.best_threshold()[0] < 0.6
+    assert histogram.best_threshold(most=0.2) == (0.8, 0.5)
+    assert histogram.best_threshold(most=0.4) == (pytest.approx(0.6), 1.0)
+
+
 def test_published_checkpoint(tmp_path):
     torch.manual_seed(0)
     config = named_config("rt-head", 4, rt_widths=(4, 4, 4, 4), point_head=HEAD, sensor=Sensor(height=16, width=64))
@@ -42,8 +54,8 @@ def test_published_checkpoint(tmp_path):
     assert found.training["step"] == 7
     assert found.training["postprocess"] == "head"
     pixels, points = calibrate(checkpoint.load(tmp_path / "last.pt"), 1)
-    assert found.training["threshold"] == pixels.best_threshold()[0]
-    assert found.training["head_threshold"] == points.best_threshold()[0]
+    assert found.training["threshold"] == pixels.best_threshold(QUIET)[0]
+    assert found.training["head_threshold"] == points.best_threshold(QUIET)[0]
     assert points.counts.sum() > pixels.counts.sum() > 0
     stored = checkpoint.read(tmp_path / "ship" / "checkpoint.pt")
     assert {v.dtype for v in stored["image_net"].values() if v.is_floating_point()} == {torch.float16}
