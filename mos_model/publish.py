@@ -86,9 +86,7 @@ def calibrate(found: Checkpoint, streets: int, frames: int = 2) -> tuple[Histogr
 def publish(
     checkpoint: Annotated[Path, typer.Argument(help="Checkpoint of a run")],
     out: Annotated[Path, typer.Argument(help="Checkpoint that ships")],
-    streets: Annotated[
-        int, typer.Option(help="Simulated streets for the thresholds; as many without movers")
-    ] = 40,
+    streets: Annotated[int, typer.Option(help="Simulated streets for the thresholds; as many without movers")] = 40,
     name: Annotated[str | None, typer.Option(help="Of the bundle", show_default="the network's")] = None,
     postprocess: Annotated[str | None, typer.Option(help="none, knn or head: the bundle's default")] = None,
     data: Annotated[str, typer.Option(help="What the weights were trained on, for the manifest")] = (
