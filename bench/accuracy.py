@@ -139,15 +139,15 @@ def systems_of(bundles: list[Path], threads: int) -> dict[str, Callable[[], Labe
 def bench(
     bundles: Annotated[list[Path] | None, typer.Argument(help="Bundles", show_default="all under models/")] = None,
     kitti: Annotated[Path | None, typer.Option(help="Root of KITTI sequences 90 (labelled) and 00")] = None,
-    streets: Annotated[int, typer.Option(help="Simulated test streets")] = 40,
-    frames: Annotated[int, typer.Option(help="Scored scans of each")] = 3,
+    streets: Annotated[int, typer.Option(help="Simulated test streets")] = 60,
+    frames: Annotated[int, typer.Option(help="Scored scans of each")] = 2,
     quiet: Annotated[int, typer.Option(help="Simulated scans without a mover")] = 200,
     threads: int = 2,
     out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
 ) -> None:
     """Moving IoU, precision and recall (%) of every bundle and post-processing; false alarms where nothing moves."""
     sets = {"simulated": simulated(STREETS, streets, frames)}
-    alarms = {"quiet streets": simulated(QUIET, -(-quiet // 10), 10, movers=0.0)}
+    alarms = {"quiet streets": simulated(QUIET, -(-quiet // frames), frames, movers=0.0)}
     if kitti is not None:
         sets["real 90"] = [real(kitti / "sequences/90")]
         alarms["real 00, frames 8-10"] = [real(kitti / "sequences/00", limit=11)]

@@ -77,7 +77,10 @@ def spconv_layer(coords: np.ndarray, features: np.ndarray, kernel: np.ndarray, t
 
 
 def compare(keys: np.ndarray, coords: np.ndarray, channels: int, threads: int, rounds: int) -> dict[str, Any]:
-    """Times of all that is installed; outputs are compared first."""
+    """Times of all that is installed; outputs are compared first, and those that differ are marked.
+
+    spconv 2.3.8 agrees with one thread; with more its sums on a CPU are wrong, and differ from run to run.
+    """
     random = np.random.default_rng(1)
     features = random.normal(size=(len(keys), channels)).astype(np.float32)
     kernel = random.normal(0, 0.05, (27, channels, channels)).astype(np.float32)
@@ -91,9 +94,7 @@ def compare(keys: np.ndarray, coords: np.ndarray, channels: int, threads: int, r
             rows[name] = {"note": f"not installed: {error}"}
             continue
         difference = float(np.abs(tasks[name]() - expected).max())
-        if not difference <= TOLERANCE:
-            raise ArithmeticError(f"{name} differs by {difference}")
-        rows[name] = {"difference": f"{difference:.1e}"}
+        rows[name] = {"difference": f"{difference:.1e}", "agrees": difference <= TOLERANCE}
     for name, seconds in interleaved(tasks, rounds).items():
         rows[name] = summary(seconds) | rows[name]
         rows[name]["times this"] = float(np.median(seconds)) * 1e3 / rows["this"]["median"]
