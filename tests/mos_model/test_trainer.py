@@ -257,7 +257,7 @@ def test_two_processes(tmp_path):
     torch.multiprocessing.spawn(train_one_of_two, (port, str(tmp_path)), nprocs=2)
     first, second = (torch.load(tmp_path / f"rank{rank}.pt", weights_only=True) for rank in range(2))
     assert torch.equal(first["weights"], second["weights"])
-    assert first["best"] == second["best"] > 0
+    assert first["best"] == second["best"] >= 0  # -inf: not validated
     assert checkpoint.load(tmp_path / "last.pt").training["world"] == 2
     alone = tmp_path / "alone"
     alone.mkdir()
