@@ -193,7 +193,11 @@ def test_an_interrupt_keeps_what_is_finished(tmp_path):
         str(out),
     ]
     process = subprocess.Popen(
-        [*command, "--bundle", str(BUNDLE), "--threads", "1"], stderr=subprocess.PIPE, text=True, env=WIDE
+        [*command, "--bundle", str(BUNDLE), "--threads", "1"],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=WIDE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background job would ignore it
     )
     deadline = time.monotonic() + 300
     while process.poll() is None and time.monotonic() < deadline:
