@@ -154,7 +154,7 @@ def bench(
     scans: Annotated[int, typer.Option(help="Of the default bundle")] = 200,
     slow_scans: Annotated[int, typer.Option(help="Of the others")] = 7,
     rounds: Annotated[int, typer.Option(help="Of the engines side by side")] = 5,
-    quick: Annotated[bool, typer.Option("--quick", help="Two minutes: fewer scans, no v2")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="About two minutes: fewer scans, no v2")] = False,
     compiled: Annotated[bool, typer.Option("--compiled", help="PyTorch's compiler too (takes minutes)")] = False,
     out: Annotated[Path | None, typer.Option(help="JSON file; a plot (SVG) beside it")] = None,
 ) -> None:
