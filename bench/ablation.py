@@ -5,7 +5,6 @@ point head on its frozen image network. Thresholds come from calibration streets
 through `MosRunner`. What is finished in the folder of the runs is not done again.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +12,7 @@ from typing import Annotated, Any
 import torch
 import typer
 
-from bench.accuracy import STREETS, Drive, simulated
+from bench.accuracy import STREETS, score, scores, simulated, with_runner
 from bench.report import save, show
 from export.to_onnx import export_checkpoint
 from mos_model import checkpoint
@@ -24,7 +23,6 @@ from mos_model.recipe import TrainConfig, recipe
 from mos_model.session import run_training
 from mos_model.sources import SIMULATED
 from runtime import MosRunner
-from runtime.evaluation.confusion import Confusion
 from runtime.head_config import SMALL
 
 ROWS = {  # of the paper's table: what each adds
@@ -61,20 +59,6 @@ def make_bundle(model: ModelConfig, first: TrainConfig, second: TrainConfig, fol
     return bundle
 
 
-def score(runner: MosRunner, drives: list[Drive]) -> Iterator[tuple[str, float]]:
-    """Moving IoU, precision and recall (%) over the scored scans."""
-    confusion = Confusion()
-    for drive in drives:
-        runner.reset()
-        for scan in drive():
-            if scan.scored:
-                confusion.add(scan.classes, runner(scan.points, scan.pose).moving + 1)
-            else:
-                runner.remember(scan.points, scan.pose)
-    for measure in ("iou", "precision", "recall"):
-        yield measure, round(100 * getattr(confusion, measure), 2)
-
-
 def bench(
     runs: Annotated[Path, typer.Argument(help="Folder of the runs")],
     channels: Annotated[int, typer.Option(help="Width of all networks (the paper's is 32)")] = 8,
@@ -95,18 +79,17 @@ def bench(
     second = recipe("sim2real", 2, steps=head_steps, street_frames=4, warmup=head_steps // 10, ema=0.99, **common)
     head = replace(SMALL, in_channels=channels)
     drives = simulated(STREETS, streets, frames)
-    table: dict[str, dict[str, float]] = {}
-    scores: dict[str, dict[str, dict[str, float]]] = {}
+    table: dict[str, dict[str, float | None]] = {}
+    found: dict[str, dict[str, dict[str, float | None]]] = {}
     for row in rows:
         name, what = ROWS[row]
         bundle = make_bundle(named_config(name, channels, point_head=head), first, second, runs / row)
-        scores[row] = {
-            kind: dict(score(MosRunner(bundle, threads=threads, postprocess=kind), drives)) for kind in POSTPROCESSES
-        }
-        table[f"{row}: {what}"] = {kind: scores[row][kind]["iou"] for kind in POSTPROCESSES}
+        systems = {kind: with_runner(MosRunner(bundle, threads=threads, postprocess=kind)) for kind in POSTPROCESSES}
+        found[row] = {kind: scores(confusion) for kind, confusion in score(drives, systems).items()}
+        table[f"{row}: {what}"] = {kind: found[row][kind]["iou"] for kind in POSTPROCESSES}
         show(f"moving IoU, %: {channels} channels, {steps} + {head_steps} steps", table)
     settings = {"channels": channels, "steps": steps, "head_steps": head_steps, "crop": crop, "seed": seed}
-    save(out, threads, settings | {"streets": streets, "frames": frames, "percent": scores})
+    save(out, threads, settings | {"streets": streets, "frames": frames, "percent": found})
 
 
 if __name__ == "__main__":

@@ -157,8 +157,7 @@ def bench(
     rows: dict[str, dict[str, float | None]] = {name: {} for name in systems}
     for title, drives in sets.items():
         for name, found in score(drives, systems).items():
-            for measure in ("iou", "precision", "recall"):
-                rows[name][f"{title} {measure}"] = percent(getattr(found, measure), 2)
+            rows[name] |= {f"{title} {measure}": value for measure, value in scores(found).items()}
     for title, drives in alarms.items():
         for name, found in score(drives, systems).items():
             matrix = found.matrix
@@ -168,6 +167,11 @@ def bench(
         typer.echo(f"left out: {name}: {reason}")
     setting = {"streets": streets, "frames": frames, "quiet": quiet}
     save(out, threads, {**setting, "percent": rows, "left_out": left_out, "peers": versions()})
+
+
+def scores(found: Confusion) -> dict[str, float | None]:
+    """IoU, precision and recall of the moving class in %."""
+    return {measure: percent(getattr(found, measure), 2) for measure in ("iou", "precision", "recall")}
 
 
 def percent(share: float, digits: int) -> float | None:

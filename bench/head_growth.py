@@ -7,8 +7,8 @@ import numpy as np
 
 from bench.head_scans import Refinement, Scan, make_head
 from bench.plot import loglog
-from bench.report import brief, interleaved, show, summary
-from bench.scans import Frame
+from bench.report import brief, interleaved, resident_mb, show, summary
+from bench.scans import Frame, there_and_back
 from runtime.voxels import voxelise
 from runtime.workers import Workers
 
@@ -60,21 +60,15 @@ def sizes(frames: list[Frame], threads: int, rounds: int, plot: Path | None) -> 
 def memory(scans: list[Scan], threads: int, count: int) -> dict[str, Any]:
     """Resident memory (MB) of `count` scans, a sequence forwards and backwards: the first 50 whole, then as in use."""
     engine = make_head("lite", threads)
-    there_and_back = scans + scans[-2:0:-1]
+    order = there_and_back(scans)
     settled = min(SETTLED, count)
     row: dict[str, Any] = {}
     for i in range(count):
-        scan = there_and_back[i % len(there_and_back)]
+        scan = order[i % len(order)]
         whole = i < settled or i % WHOLE_EVERY == 0
         engine.refine(*scan.args, None if whole else scan.near(i))
         if i + 1 == settled:
-            row[f"MB after scan {settled}"] = before = resident()
-    row |= {f"MB after scan {count}": resident(), "growth": resident() - before, "scans": count}
+            row[f"MB after scan {settled}"] = before = resident_mb()
+    row |= {f"MB after scan {count}": resident_mb(), "growth": resident_mb() - before, "scans": count}
     show("resident memory (lite)", {"": row})
     return row
-
-
-def resident() -> float:
-    """Resident memory of this process in MB (Linux)."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * 4096 / 1e6

@@ -9,13 +9,15 @@ import multiprocessing
 import resource
 import tempfile
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from time import perf_counter
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import typer
 
 from bench.plot import stacked_bars
 from bench.report import interleaved, save, show, summary
+from bench.scans import there_and_back
 from runtime import MosRunner
 from runtime.labels import read_labels, to_classes, write_labels
 from runtime.sensor import HISTORY
@@ -28,8 +30,8 @@ class Row(NamedTuple):
     """A system of the table."""
 
     config: str  # name of a configuration; "": the default bundle
-    postprocess: str | None
-    refine: str = "near"
+    postprocess: Literal["none", "knn", "head"] | None
+    refine: Literal["near", "all"] = "near"
 
 
 ROWS = {
@@ -60,8 +62,8 @@ def random_bundle(config: str, folder: Path) -> Path:
 def measure(row: Row, bundle: Path | None, folder: Path, threads: int, scans: int) -> dict[str, Any]:
     """Seconds of every stage over `scans` scans of a sequence, back and forth, with a full history."""
     sequence = open_sequence(folder, limit=60)
-    runner = MosRunner(bundle, threads=threads, postprocess=row.postprocess, refine=row.refine)  # type: ignore[arg-type]
-    order = [*range(len(sequence)), *range(len(sequence) - 2, 0, -1)]
+    runner = MosRunner(bundle, threads=threads, postprocess=row.postprocess, refine=row.refine)
+    order = there_and_back(range(len(sequence)))
     for i in range(HISTORY):
         runner.remember(*sequence.read(order[i % len(order)]))
     stages: dict[str, list[float]] = {}
@@ -135,8 +137,6 @@ def measure_network(config: str, threads: int, rounds: int, compiled: bool) -> d
 
 
 def _timed(call: Any, *arguments: Any) -> tuple[Any, float]:
-    from time import perf_counter
-
     started = perf_counter()
     result = call(*arguments)
     return result, perf_counter() - started

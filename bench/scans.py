@@ -1,9 +1,12 @@
 """Scans to measure on: a real sequence if one is given, else a simulated street."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
+T = TypeVar("T")
 Frame = tuple[np.ndarray, np.ndarray]  # (N, 4) f32, (4, 4) T_world_lidar
 
 
@@ -17,3 +20,8 @@ def load_frames(sequence: Path | None, count: int) -> list[Frame]:
 
     opened = open_sequence(sequence)
     return [opened.read(i) for i in range(min(count, len(opened)))]
+
+
+def there_and_back(items: Sequence[T]) -> list[T]:
+    """Forwards and backwards, the last and the first once: repeated, it never jumps."""
+    return [*items, *items[-2:0:-1]]

@@ -8,7 +8,7 @@ import numpy as np
 import typer
 
 from bench.report import resident_mb, save, show, summary
-from bench.scans import load_frames
+from bench.scans import load_frames, there_and_back
 from runtime import MosRunner
 
 SETTLED = 50  # scans, after which memory must not grow
@@ -24,7 +24,7 @@ def bench(
 ) -> None:
     """Percentiles of CPU and wall time a scan, and resident memory after 50 scans and after the last."""
     frames = load_frames(sequence, 60)
-    order = frames + frames[-2:0:-1]
+    order = there_and_back(frames)
     runner = MosRunner(bundle, threads=threads, postprocess=postprocess)
     wall, cpu, memory = [], [], 0.0
     for i in range(scans):

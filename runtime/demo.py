@@ -10,10 +10,12 @@ from typing import Any
 from runtime.compiling import compiling
 from runtime.errors import MissingPackageError, OutputError
 from runtime.evaluation.confusion import MOVING, Confusion
+from runtime.evaluation.evaluate import evaluate
+from runtime.evaluation.layout import pair
 from runtime.files import write_whole
 from runtime.labels import read_labels, to_classes
 from runtime.pictures import Stored, System, snapshots, write_picture
-from runtime.predict import Summary, predict, prediction_path
+from runtime.predict import Summary, predict
 from runtime.runner import MosRunner
 from runtime.sensor import HISTORY
 from runtime.sequence import Sequence, open_sequence
@@ -65,9 +67,9 @@ def run_demo(
     summary = predict(
         sequence, runner, predictions, overwrite=True, on_progress=lambda done, total: report(LABEL, done, total, "")
     )
-    scores = _score(folder, sequence, predictions)
+    (counts,) = evaluate(pair(predictions, folder.parents[1]).frames, with_ranges=False).values()
     pictures, why_not = _draw(out, folder, sequence, Stored(predictions, sequence, runner.bundle.manifest.name), report)
-    return Demo(folder, summary, scores, pictures, why_not, time.perf_counter() - started)
+    return Demo(folder, summary, counts.total(), pictures, why_not, time.perf_counter() - started)
 
 
 def _claim(out: Path, scans: int) -> None:
@@ -98,14 +100,6 @@ def _simulate(folder: Path, scans: int, report: Report) -> Sequence:
                 **STREET,
             )
     return open_sequence(folder)
-
-
-def _score(folder: Path, sequence: Sequence, predictions: Path) -> Confusion:
-    scores = Confusion()
-    for index, scan in enumerate(sequence.scans):
-        true = read_labels(folder / "labels" / f"{scan.stem}.label")
-        scores.add(to_classes(true), to_classes(read_labels(prediction_path(predictions, sequence, index), len(true))))
-    return scores
 
 
 def _busiest(folder: Path, sequence: Sequence, scans: Iterable[int]) -> int:

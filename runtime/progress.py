@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import (
@@ -18,9 +19,10 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from runtime.predict import Summary, predict
-from runtime.runner import MosRunner
-from runtime.sequence import Sequence
+if TYPE_CHECKING:
+    from runtime.predict import Summary
+    from runtime.runner import MosRunner
+    from runtime.sequence import Sequence
 
 
 class _Speed(ProgressColumn):
@@ -57,8 +59,10 @@ def stages() -> Iterator[Callable[[str, int, int, str], None]]:
         yield show
 
 
-def predict_with_progress(sequence: Sequence, runner: MosRunner, out: Path, overwrite: bool) -> Summary:
+def predict_with_progress(sequence: "Sequence", runner: "MosRunner", out: Path, overwrite: bool) -> "Summary":
     """`predict` with a bar: scans done, scans per second, time left."""
+    from runtime.predict import predict  # with all that computes, which `mos eval` does without
+
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
