@@ -168,14 +168,14 @@ def _coarsen(keys, parent, coarse_keys, starts, child):  # type: ignore[no-untyp
     starts[coarse_keys.size] = keys.size
 
 
-def _paths() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _paths() -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
     """For a voxel in each octant and each of 27 offsets: the offset of the parent and the octant in it."""
     octant, offset = np.arange(8)[:, None], np.arange(27)[None, :]
     x = (octant >> 2) + offset % 3 - 1
     y = (octant >> 1 & 1) + offset // 3 % 3 - 1
     z = (octant & 1) + offset // 9 - 1
     parent = (x >> 1) + 1 + 3 * ((y >> 1) + 1) + 9 * ((z >> 1) + 1)
-    return parent, (x & 1) * 4 + (y & 1) * 2 + (z & 1)
+    return parent.astype(np.uint64), ((x & 1) * 4 + (y & 1) * 2 + (z & 1)).astype(np.uint64)
 
 
 _PARENT_OFFSET, _CHILD_OCTANT = _paths()
@@ -183,11 +183,12 @@ _PARENT_OFFSET, _CHILD_OCTANT = _paths()
 
 @kernel
 def _neighbours(keys, parent, child, above, table, start, stop):  # type: ignore[no-untyped-def]
-    for v in range(start, stop):
-        octant = keys[v] & 7
-        p = parent[v]
-        for k in range(27):
-            table[v, k] = child[above[p, _PARENT_OFFSET[octant, k]], _CHILD_OCTANT[octant, k]]
+    for i in range(start, stop):
+        v = np.uint64(i)  # Numba looks at each signed index whether it counts from the end
+        octant, p = np.uint64(keys[v] & 7), np.uint64(parent[v])
+        for j in range(27):
+            k = np.uint64(j)
+            table[v, k] = child[np.uint64(above[p, _PARENT_OFFSET[octant, k]]), _CHILD_OCTANT[octant, k]]
 
 
 @compiled
@@ -213,9 +214,9 @@ def _count(table, none, tile, masks, starts, first, last):  # type: ignore[no-un
             for k in range(table.shape[1]):
                 mask |= np.uint32(table[v, k] != none) << np.uint32(k)
             masks[v] = mask
-        for v in range(low, high):
-            for k in range(table.shape[1]):
-                starts[t, k + 1] += table[v, k] != none
+            while mask:
+                starts[t, _lowest_bit(mask) + 1] += 1
+                mask &= mask - np.uint32(1)
 
 
 @kernel

@@ -11,7 +11,7 @@ from runtime.head_config import PointHeadConfig
 from runtime.head_weights import checked, fold, layers
 from runtime.kernel_map import KernelMap, Scale, build_scales, neighbours, table_map, up_map
 from runtime.refinement import DEFAULT_HALO, FeatureMap, Floats, PointHead
-from runtime.sparse_conv import Packed, convolve, dense, pack, padded
+from runtime.sparse_conv import Layers, Packed, pack, padded
 from runtime.transfer import classify, exchange, features_to_voxels
 from runtime.voxels import Voxels
 from runtime.workers import Workers
@@ -37,10 +37,11 @@ class PointHeadEngine(PointHead):
         """`weights`: as `fold` returns them, float16 or float32. Raises BundleError where they do not fit."""
         super().__init__(config, workers)
         values = checked(weights, config)
-        self._layers: dict[str, tuple[Packed, int]] = {}  # weights, multiply-adds of a pair
+        self._pending = Layers(workers)  # what no result was asked of yet
+        self._weights: dict[str, tuple[Packed, int]] = {}  # and the multiply-adds of a pair
         for layer in layers(config):
             weight, bias = values[f"{layer.name}.weight"], values.get(f"{layer.name}.bias")
-            self._layers[layer.name] = pack(weight, bias, layer.inputs), sum(layer.inputs) * layer.outputs
+            self._weights[layer.name] = pack(weight, bias, layer.inputs), sum(layer.inputs) * layer.outputs
         self._classifier = np.ascontiguousarray(values["classifier.weight"].T), values["classifier.bias"]
 
     def _network(self, voxels: Voxels, kept: NDArray[np.int32], features: Floats, rows: NDArray[np.int32]) -> Floats:
@@ -79,7 +80,7 @@ class PointHeadEngine(PointHead):
                 x = self._exchange(x, level, maps, points)
         last = 1 if config.fuse_after_up is None else 2
         points = self._points(last, points, take("inner", 0, sizes, config.up[-1]))
-        began = perf_counter()
+        began = self._run()
         weight, bias = self._classifier
         result = classify(points, x, weight, bias, self._arena.take("result", (sizes[0], 3)), self.workers)
         self._spent("transfers", began)
@@ -108,35 +109,35 @@ class PointHeadEngine(PointHead):
         residual: Floats | None = None,
         shortcut: tuple[Floats, Packed] | None = None,
     ) -> Floats:
-        began = perf_counter()
-        weights, work = self._layers[name]
+        weights, work = self._weights[name]
         self.multiply_adds += kernel_map.pairs * work
-        convolve(x, kernel_map, weights, out, self.workers, residual=residual, shortcut=shortcut)
-        self._spent("convolutions", began)
-        return out
+        return self._pending.convolve(x, kernel_map, weights, out, residual=residual, shortcut=shortcut)
 
     def _residual(self, name: str, x: Floats, kernel_map: KernelMap, out: Floats) -> Floats:
         """ReLU(conv2(ReLU(conv1(x))) + x), or + shortcut(x) where the widths differ."""
         inner = self._take("inner", 0, [kernel_map.count_out], out.shape[1])
         self._conv(f"{name}.conv1", x, kernel_map, inner)
-        if f"{name}.shortcut" not in self._layers:
+        if f"{name}.shortcut" not in self._weights:
             return self._conv(f"{name}.conv2", inner, kernel_map, out, residual=x)
-        weights, work = self._layers[f"{name}.shortcut"]
+        weights, work = self._weights[f"{name}.shortcut"]
         self.multiply_adds += kernel_map.count_out * work
         return self._conv(f"{name}.conv2", inner, kernel_map, out, shortcut=(x, weights))
 
     def _points(self, i: int, points: Floats, out: Floats) -> Floats:
         """A dense layer of the point branch."""
-        began = perf_counter()
-        weights, work = self._layers[f"point_transforms.{i}"]
+        weights, work = self._weights[f"point_transforms.{i}"]
         self.multiply_adds += len(points) * work
-        dense(points, weights, out, self.workers)
-        self._spent("convolutions", began)
-        return out
+        return self._pending.dense(points, weights, out)
+
+    def _run(self) -> float:
+        """Compute what is pending; the time when that is done."""
+        began = perf_counter()
+        self._pending.run()
+        return self._spent("convolutions", began)
 
     def _exchange(self, x: Floats, level: int, maps: _Maps, points: Floats) -> Floats:
         """Voxels of stride 2^level and points exchange what they have."""
-        began = perf_counter()
+        began = self._run()
         out = self._take("exchanged", 0, [len(x)], x.shape[1])
         exchange(x, maps.tables[level], maps.members[level], maps.scales[0].keys, level, points, out, self.workers)
         self._spent("transfers", began)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from runtime.arena import aligned_empty
 from runtime.errors import ScanError
 from runtime.kernel_map import KernelMap, tile_size
-from runtime.sparse_kernel import LANES, convolve_tiles
+from runtime.sparse_kernel import FIELDS, LANES, run_layers
 from runtime.workers import Workers
 
-_TASKS_PER_THREAD = 32  # of one layer: the fewer, the longer the threads wait for the last
+_TASKS_PER_THREAD = 4  # of one layer, at least; where it has too few tiles, each is done in parts
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,94 @@ def pack(
     return Packed(panels, filled)
 
 
-_NO_PAIRS = np.zeros(0, np.int32)
+_NOTHING = np.zeros(0, np.int32)
+
+
+class Layers:
+    """Layers that all threads work through together, without going back to the interpreter in between.
+
+    Add them in the order of computation, then `run`, which does all reading and writing of the arrays.
+    """
+
+    def __init__(self, workers: Workers) -> None:
+        self.workers = workers
+        self._rows: list[list[int]] = []
+        self._arrays: list[object] = []  # those whose addresses are in _rows
+
+    def convolve(
+        self,
+        features: NDArray[np.float32],
+        kernel_map: KernelMap,
+        weights: Packed,
+        out: NDArray[np.float32],
+        *,
+        residual: NDArray[np.float32] | None = None,
+        shortcut: tuple[NDArray[np.float32], Packed] | None = None,
+        relu: bool = True,
+    ) -> NDArray[np.float32]:
+        """Add a convolution; arguments, result and errors as of the function `convolve`."""
+        _check(features, kernel_map.count_in, weights.rows, "features")
+        return self._add(features, kernel_map, weights, out, residual, shortcut, relu)
+
+    def dense(self, features: NDArray[np.float32], weights: Packed, out: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Add a dense layer; arguments, result and errors as of the function `dense`."""
+        count = len(out)
+        no_map = KernelMap(_NOTHING, _NOTHING, _NOTHING.reshape(0, 1), tile_size(count, self.workers), 0, count, 0)
+        return self._add(features, no_map, _NO_WEIGHTS, out, None, (features, weights), True)
+
+    def run(self) -> None:
+        """Compute all layers that were added, and forget them."""
+        rows, self._rows = self._rows, []
+        if rows:
+            layers, progress = np.array(rows, np.int64), aligned_empty((len(rows), 2, 8), np.int64)
+            progress[:] = 0
+            self.workers.each(lambda _: run_layers(layers, progress), self.workers.threads)
+        self._arrays = []
+
+    def _add(
+        self,
+        features: NDArray[np.float32],
+        kernel_map: KernelMap,
+        weights: Packed,
+        out: NDArray[np.float32],
+        residual: NDArray[np.float32] | None,
+        shortcut: tuple[NDArray[np.float32], Packed] | None,
+        relu: bool,
+    ) -> NDArray[np.float32]:
+        count, columns = kernel_map.count_out, out.shape[1]
+        _check(out, count, columns, "out")
+        if residual is not None:
+            _check(residual, count, columns, "residual")
+        side, side_weights, bias = out, _NO_WEIGHTS, weights.bias
+        if shortcut is not None:
+            side, side_weights = shortcut
+            _check(side, count, side_weights.rows, "shortcut")
+            bias = side_weights.bias + (bias if weights.panels.size else np.float32(0))
+        if bias.size != columns:
+            raise ScanError(f"out has {columns} columns, the weights have {bias.size}")
+        panels, tiles = columns // LANES, max(1, -(-count // kernel_map.tile))
+        enough = -(-_TASKS_PER_THREAD * self.workers.threads // tiles)
+        values = {
+            "source": _address(features), "row_length": _row_length(features),
+            "weights": _address(weights.panels), "depth": weights.rows,
+            "panels": panels, "offsets": len(weights.panels),
+            "inputs": _address(kernel_map.inputs), "outputs": _address(kernel_map.outputs),
+            "starts": _address(kernel_map.starts),
+            "side": _address(side), "side_length": _row_length(side),
+            "side_weights": _address(side_weights.panels),
+            "side_depth": 0 if shortcut is None else side_weights.rows,
+            "bias": _address(bias),
+            "residual": 0 if residual is None else _address(residual),
+            "residual_length": 0 if residual is None else _row_length(residual),
+            "out": _address(out), "out_length": _row_length(out), "relu": int(relu),
+            "tile": kernel_map.tile, "count": count, "blocks": max(1, min(panels, enough)),
+        }  # fmt: skip
+        self._rows.append([values[name] for name in FIELDS])
+        self._arrays.append((features, weights, kernel_map, side, side_weights, bias, residual, out))
+        return out
+
+
+_NOTHING = np.zeros(0, np.int32)
 _NO_WEIGHTS = pack(np.zeros((0, LANES, LANES), np.float32))
 
 
@@ -90,53 +177,19 @@ def convolve(
     `shortcut`: features (V_out, c) and the weights of a dense layer, added before ReLU. `out` may be the
     residual, but none of the other inputs. Returns `out`. Raises ScanError where an array does not fit.
     """
-    _check(features, kernel_map.count_in, weights.rows, "features")
-    return _run(features, kernel_map, weights, out, workers, residual, shortcut, relu)
+    layers = Layers(workers)
+    layers.convolve(features, kernel_map, weights, out, residual=residual, shortcut=shortcut, relu=relu)
+    layers.run()
+    return out
 
 
 def dense(
     features: NDArray[np.float32], weights: Packed, out: NDArray[np.float32], workers: Workers
 ) -> NDArray[np.float32]:
     """`out = relu(features @ W + bias)` row by row; arrays as in `convolve`."""
-    count, starts = len(out), _NO_PAIRS.reshape(0, 1)
-    no_map = KernelMap(_NO_PAIRS, _NO_PAIRS, starts, tile_size(count, workers), 0, count, 0)
-    return _run(features, no_map, _NO_WEIGHTS, out, workers, None, (features, weights), True)
-
-
-def _run(
-    features: NDArray[np.float32],
-    kernel_map: KernelMap,
-    weights: Packed,
-    out: NDArray[np.float32],
-    workers: Workers,
-    residual: NDArray[np.float32] | None,
-    shortcut: tuple[NDArray[np.float32], Packed] | None,
-    relu: bool,
-) -> NDArray[np.float32]:
-    count, columns = kernel_map.count_out, out.shape[1]
-    _check(out, count, columns, "out")
-    before = out if residual is None else residual
-    _check(before, count, columns, "residual")
-    side, side_weights, bias = out, _NO_WEIGHTS, weights.bias
-    if shortcut is not None:
-        side, side_weights = shortcut
-        _check(side, count, side_weights.rows, "shortcut")
-        bias = side_weights.bias + (bias if weights.panels.size else np.float32(0))
-    if bias.size != columns:
-        raise ScanError(f"out has {columns} columns, the weights have {bias.size}")
-
-    def task(first: int, last: int) -> None:
-        convolve_tiles(
-            _address(features), features.strides[0] // 4, weights.panels,
-            kernel_map.inputs, kernel_map.outputs, kernel_map.starts,
-            _address(side), side.strides[0] // 4, side_weights.panels, bias,
-            _address(before), before.strides[0] // 4, residual is not None,
-            _address(out), out.strides[0] // 4, relu,
-            kernel_map.tile, count, first, last,
-        )  # fmt: skip
-
-    tiles = -(-count // kernel_map.tile)
-    workers.ranges(task, tiles, max(1, tiles // (_TASKS_PER_THREAD * workers.threads)))
+    layers = Layers(workers)
+    layers.dense(features, weights, out)
+    layers.run()
     return out
 
 
@@ -149,5 +202,9 @@ def _check(array: NDArray[np.float32], count: int, columns: int, name: str) -> N
         )
 
 
-def _address(array: NDArray[np.float32]) -> int:
+def _address(array: NDArray[np.generic]) -> int:
     return int(array.__array_interface__["data"][0])
+
+
+def _row_length(array: NDArray[np.float32]) -> int:
+    return array.strides[0] // array.itemsize

@@ -13,12 +13,26 @@ from llvmlite import binding, ir
 from numba import types
 from numba.extending import intrinsic
 
+from runtime.atomics import fetch_add, wait_for
 from runtime.jit import kernel
 
 LANES = 16  # output channels of one panel; channel counts are filled up to a multiple of it
 # Pairs are taken in threes and twos of this many: 6 and 4 rows fill 16 vector registers, 12 and 8 rows 32.
 UNIT = 4 if binding.get_host_cpu_features().get("avx512f") else 2
 UNROLL = 4  # input channels per turn of the innermost loop; divides LANES
+
+
+# What `run_layers` has to know of a layer: addresses of arrays, and lengths of their rows in floats.
+FIELDS = (
+    "source", "row_length", "weights", "depth", "panels", "offsets", "inputs", "outputs", "starts",
+    "side", "side_length", "side_weights", "side_depth", "bias",
+    "residual", "residual_length", "out", "out_length", "relu", "tile", "count", "blocks",
+)  # fmt: skip
+(
+    SOURCE, ROW_LENGTH, WEIGHTS, DEPTH, PANELS, OFFSETS, INPUTS, OUTPUTS, STARTS,
+    SIDE, SIDE_LENGTH, SIDE_WEIGHTS, SIDE_DEPTH, BIAS,
+    RESIDUAL, RESIDUAL_LENGTH, OUT, OUT_LENGTH, RELU, TILE, COUNT, BLOCKS,
+) = range(len(FIELDS))  # fmt: skip
 
 compiled: Any = intrinsic  # generates code, without types that a checker could see
 _WORD, _INDEX, _VECTOR = ir.IntType(32), ir.IntType(64), ir.VectorType(ir.FloatType(), LANES)
@@ -106,6 +120,27 @@ def _finish(context, sums, residual, out, relu):  # type: ignore[no-untyped-def]
     return types.void(types.intp, types.intp, types.intp, types.boolean), generate
 
 
+@compiled
+def _load_int32(context, address, index):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        place = builder.gep(builder.inttoptr(args[0], _WORD.as_pointer()), [args[1]])
+        return builder.sext(builder.load(place), _INDEX)
+
+    return types.intp(types.intp, types.intp), generate
+
+
+@compiled
+def _copy_lanes(context, source, target):  # type: ignore[no-untyped-def]
+    """Copy the 16 floats at address `source` to `target`."""
+
+    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        source, target = (builder.inttoptr(address, _VECTOR.as_pointer()) for address in args)
+        builder.store(builder.load(source, align=4), target, align=4)
+        return context.get_dummy_value()
+
+    return types.void(types.intp, types.intp), generate
+
+
 @kernel
 def _add_pairs(  # type: ignore[no-untyped-def]
     source, row_length, depth, panels, panel, inputs, outputs, number, sums, sums_size
@@ -126,50 +161,68 @@ def _add_pairs(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def convolve_tiles(  # type: ignore[no-untyped-def]
-    source, row_length, weights, inputs, outputs, starts,
-    side, side_length, side_weights, bias,
-    residual, residual_length, has_residual,
-    out, out_length, relu,
-    tile, count, first, last,
-):  # fmt: skip
-    """Outputs of the tiles first ... last - 1; see `runtime.sparse_conv.convolve`. Rows come as addresses."""
-    panels = bias.size // 16
-    sums = np.empty((panels, tile + 1, 16), np.float32)  # row `tile` takes the pairs that fill up
+def _run_task(layer, task, sums, ahead, here):  # type: ignore[no-untyped-def]
+    """One tile of outputs, some of its panels; `layer` holds the FIELDS, `sums` is an address."""
+    tile, panels, depth = layer[TILE], layer[PANELS], layer[DEPTH]
+    t, block = task // layer[BLOCKS], task % layer[BLOCKS]
+    first, last = block * panels // layer[BLOCKS], (block + 1) * panels // layer[BLOCKS]
+    low = t * tile
+    number = min(tile, layer[COUNT] - low)
     sums_size = (tile + 1) * 64
-    ahead = np.empty(tile + 2 * UNIT, np.int32)
-    here = np.empty(tile + 2 * UNIT, np.int32)
-    for t in range(first, last):
-        low = t * tile
-        number = min(tile, count - low)
-        for p in range(panels):
-            for r in range(number):
-                for lane in range(16):
-                    sums[p, r, lane] = bias[p * 16 + lane]
-        for k in range(weights.shape[0]):
-            begin = starts[t, k]
-            if starts[t, k + 1] > begin:
-                _add_pairs(
-                    source, row_length, weights.shape[2],
-                    panels, weights.ctypes.data + 64 * k * panels * weights.shape[2],
-                    inputs.ctypes.data + 4 * begin, outputs.ctypes.data + 4 * begin, starts[t, k + 1] - begin,
-                    sums.ctypes.data, sums_size,
-                )  # fmt: skip
-        if side_weights.shape[0]:
-            filled = max(2, -(-number // UNIT)) * UNIT
-            for i in range(filled):
-                ahead[i] = i if i < number else 0
-                here[i] = i if i < number else tile
-            _add_pairs(
-                side + 4 * low * side_length, side_length, side_weights.shape[2],
-                panels, side_weights.ctypes.data,
-                ahead.ctypes.data, here.ctypes.data, filled, sums.ctypes.data, sums_size,
-            )  # fmt: skip
+    for p in range(first, last):
         for r in range(number):
-            for p in range(panels):
-                _finish(
-                    sums.ctypes.data + p * sums_size + r * 64,
-                    residual + 4 * ((low + r) * residual_length + p * 16) if has_residual else 0,
-                    out + 4 * ((low + r) * out_length + p * 16),
-                    relu,
-                )
+            _copy_lanes(layer[BIAS] + p * 64, sums + (p - first) * sums_size + r * 64)
+    starts = layer[STARTS] + 4 * t * (layer[OFFSETS] + 1)
+    begin = _load_int32(starts, 0)
+    for k in range(layer[OFFSETS]):
+        end = _load_int32(starts, k + 1)
+        if end > begin:
+            _add_pairs(
+                layer[SOURCE], layer[ROW_LENGTH], depth,
+                last - first, layer[WEIGHTS] + 64 * depth * (k * panels + first),
+                layer[INPUTS] + 4 * begin, layer[OUTPUTS] + 4 * begin, end - begin, sums, sums_size,
+            )  # fmt: skip
+        begin = end
+    if layer[SIDE_DEPTH]:
+        filled = max(2, -(-number // UNIT)) * UNIT
+        for i in range(filled):
+            ahead[i] = i if i < number else 0
+            here[i] = i if i < number else tile  # row `tile` takes the pairs that fill up
+        _add_pairs(
+            layer[SIDE] + 4 * low * layer[SIDE_LENGTH], layer[SIDE_LENGTH], layer[SIDE_DEPTH],
+            last - first, layer[SIDE_WEIGHTS] + 64 * layer[SIDE_DEPTH] * first,
+            ahead.ctypes.data, here.ctypes.data, filled, sums, sums_size,
+        )  # fmt: skip
+    for r in range(number):
+        for p in range(first, last):
+            _finish(
+                sums + (p - first) * sums_size + r * 64,
+                layer[RESIDUAL] + 4 * ((low + r) * layer[RESIDUAL_LENGTH] + p * 16) if layer[RESIDUAL] else 0,
+                layer[OUT] + 4 * ((low + r) * layer[OUT_LENGTH] + p * 16),
+                layer[RELU] != 0,
+            )
+
+
+@kernel
+def run_layers(layers, progress):  # type: ignore[no-untyped-def]
+    """Work on `layers` (L, len(FIELDS)), one after the other, together with all threads that call this.
+
+    `progress` (L, 2, 8) starts as zeros: of each layer, tasks that a thread has taken and tasks that are done, a cache
+    line each. A layer begins when the one before is done; a thread that comes late finds less to do.
+    """
+    space = tile = 0
+    for layer in layers:
+        space = max(space, -(-layer[PANELS] // layer[BLOCKS]) * (layer[TILE] + 1))
+        tile = max(tile, layer[TILE])
+    sums = np.empty((space, 16), np.float32)
+    ahead, here = np.empty(tile + 2 * UNIT, np.int32), np.empty(tile + 2 * UNIT, np.int32)
+    taken = progress.ctypes.data
+    for layer in layers:
+        tasks = -(-layer[COUNT] // layer[TILE]) * layer[BLOCKS]
+        task = fetch_add(taken)
+        while task < tasks:
+            _run_task(layer, task, sums.ctypes.data, ahead, here)
+            fetch_add(taken + 64)  # done
+            task = fetch_add(taken)
+        wait_for(taken + 64, tasks)
+        taken += 128

@@ -6,7 +6,7 @@ import pytest
 from runtime.arena import Arena
 from runtime.errors import ScanError
 from runtime.kernel_map import build_scales, neighbours, table_map, up_map
-from runtime.sparse_conv import LANES, convolve, dense, pack, padded
+from runtime.sparse_conv import LANES, Layers, convolve, dense, pack, padded
 from runtime.voxels import voxelise
 from runtime.workers import Workers
 from tests import reference_voxels as reference
@@ -137,11 +137,38 @@ def test_not_a_number_stays_where_it_is():
 
 def test_same_bits_with_any_number_of_threads():
     outs = []
-    for threads in (1, 3):
+    for threads in (1, 3, 16):  # 16: far more than processors, so that each waits for others
         scene = Scene(8, 3000, threads)
         x, _ = scene.features(scene.fine, 32)
         weights = pack(scene.weights(27, 32, 32))
         outs.append(convolve(x, scene.same, weights, empty(scene.same, 32), scene.workers))
+    assert all(np.array_equal(outs[0], out) for out in outs)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_layers_in_one_run(threads):
+    """Each layer reads what the one before wrote, also where the first has one tile and the second has many."""
+    scene = Scene(10, 3000, threads)
+    x, _ = scene.features(scene.coarse, 48)
+    first, second, third = (pack(scene.weights(*shape)) for shape in ((8, 48, 80), (27, 80, 32), (32, 32)))
+    outs = []
+    for together in (False, True):
+        up, same, last = (np.empty((len(scene.fine), columns), np.float32) for columns in (80, 32, 32))
+        if together:
+            layers = Layers(scene.workers)
+            layers.convolve(x, scene.up, first, up)
+            layers.convolve(up, scene.same, second, same)
+            layers.dense(same, third, last)
+            last[:] = np.nan
+            layers.run()
+            last_run = last.copy()
+            layers.run()  # nothing is left to do
+            assert np.array_equal(last, last_run)
+        else:
+            convolve(x, scene.up, first, up, scene.workers)
+            convolve(up, scene.same, second, same, scene.workers)
+            dense(same, third, last, scene.workers)
+        outs.append(last)
     assert np.array_equal(*outs)
 
 
