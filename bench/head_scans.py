@@ -41,7 +41,7 @@ class Scan:
         image = InputBuilder(sensor, Residual(), Workers(1)).build(points, [None] * HISTORY, [None] * HISTORY)
         features = random.normal(size=(32, sensor.height, sensor.width)).astype(np.float32)
         self.xyz, self.valid = np.ascontiguousarray(points[:, :3]), image.pixel >= 0
-        self.args = self.xyz, self.valid, FeatureMap(features, image.u, image.v)
+        self.args = self.xyz, self.valid, FeatureMap(features, image.pixel, sensor.width)
 
     def near(self, seed: int, radius: float = 2.0) -> np.ndarray:
         """Candidates (N,): all points around one of the scan."""

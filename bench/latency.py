@@ -107,7 +107,7 @@ def measure_head(config: str, folder: Path, threads: int, rounds: int) -> dict[s
     built = InputBuilder(model.sensor, model.residual, Workers(threads)).build(points, [], [])
     image = np.random.default_rng(0).normal(0, 1, (32, model.sensor.height, model.sensor.width)).astype(np.float32)
     xyz, valid = np.ascontiguousarray(points[:, :3]), built.pixel >= 0
-    features = FeatureMap(image, built.u, built.v)
+    features = FeatureMap(image, built.pixel, model.sensor.width)
     rows = torch.from_numpy(image.reshape(32, -1).T[built.pixel[valid]].copy())
 
     @torch.inference_mode()

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from mos_model.network import ImageOutput
 from mos_model.simulator import simulate
 from runtime.bundle import POINT_HEAD, POINT_HEAD_ONNX, Bundle
 from runtime.errors import ParityError
@@ -58,7 +59,7 @@ def check_parity(bundle: Bundle, image_net: nn.Module, point_head: nn.Module | N
         want_probabilities, want_features = want.logits.softmax(1)[0].numpy(), want.features[0].numpy()
     net = ImageNet.of(bundle, precision="float32", threads=threads)
     probabilities, features = net.run(image.image)
-    heads = _head_differences(bundle, point_head, scan, image, features, want_features, workers)
+    heads = _head_differences(bundle, point_head, scan, image, features, want, workers)
     parity = Parity(
         image_net=_difference(probabilities, want_probabilities),
         features=_difference(features, want_features) / max(float(np.abs(want_features).max()), 1e-30),
@@ -92,7 +93,7 @@ def _head_differences(
     scan: np.ndarray,
     image: ImageInput,
     features: np.ndarray,
-    want_features: np.ndarray,
+    want: ImageOutput,
     workers: Workers,
 ) -> dict[str, float]:
     """Of the probabilities of points, by file of the bundle."""
@@ -101,15 +102,14 @@ def _head_differences(
         return {}
     valid = image.pixel >= 0
     xyz = np.ascontiguousarray(scan[:, :3])
-    of_points = np.ascontiguousarray(want_features.reshape(len(want_features), -1)[:, image.pixel[valid]].T)
     with torch.inference_mode():
-        grid = head.grid(torch.from_numpy(xyz[valid]))
-        want = head(grid, torch.from_numpy(of_points)).softmax(1).numpy()
+        of_points = want.features_at(0, torch.from_numpy(image.pixel[valid]).long())
+        of_head = head(head.grid(torch.from_numpy(xyz[valid])), of_points).softmax(1).numpy()
     engines: dict[str, PointHead] = {POINT_HEAD: PointHeadEngine(bundle.point_head(), config, workers)}
     if POINT_HEAD_ONNX in bundle.manifest.files:
         engines[POINT_HEAD_ONNX] = OnnxHead(bundle.path / POINT_HEAD_ONNX, config, workers)
-    given = xyz, valid, FeatureMap(features, image.u, image.v)
-    return {name: _difference(engine.refine(*given)[valid], want) for name, engine in engines.items()}
+    given = xyz, valid, FeatureMap(features, image.pixel, bundle.manifest.sensor.width)
+    return {name: _difference(engine.refine(*given)[valid], of_head) for name, engine in engines.items()}
 
 
 def _difference(got: np.ndarray, want: np.ndarray) -> float:

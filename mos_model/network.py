@@ -24,7 +24,12 @@ class ImageOutput(NamedTuple):
     """What an image network returns."""
 
     logits: Tensor  # (B, 3, H, W) scores of the classes before softmax
-    features: Tensor  # (B, c, H, W) features of the pixels, for the point head
+    features: Tensor  # (B, c, H, W / s) for the point head: s neighbouring pixels of a row share theirs
+
+    def features_at(self, image: int, pixel: Tensor) -> Tensor:
+        """Features (N, c) of the pixels v * W + u (N,) of one image of the batch."""
+        share = self.logits.shape[3] // self.features.shape[3]
+        return self.features[image].flatten(1)[:, pixel // share].T
 
 
 class UNet(nn.Module):

@@ -63,7 +63,7 @@ def probabilities(found: Checkpoint, sample: Sample) -> tuple[NDArray[np.float32
     points = image.flatten()[torch.from_numpy(sample.pixel).long()]  # (N,)
     if found.point_head is not None:
         grid = found.point_head.grid(torch.from_numpy(sample.xyz))
-        features = output.features[0].flatten(1)[:, torch.from_numpy(sample.pixel).long()].T  # (N, c)
+        features = output.features_at(0, torch.from_numpy(sample.pixel).long())  # (N, c)
         refined = found.point_head(grid, features).softmax(1)[:, MOVING]
         points = torch.where(points > CANDIDATE, refined, 0.0)
     return image.numpy(), points.numpy()

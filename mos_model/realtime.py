@@ -112,4 +112,4 @@ class RealtimeNet(nn.Module):
         batch, _, height, width = pairs.shape
         pairs = pairs.view(batch, CLASSES, 2, height, width).permute(0, 1, 3, 4, 2)  # (B, 3, H, W/2, 2)
         logits = pairs.reshape(batch, CLASSES, height, 2 * width)  # (B, 3, H, W)
-        return ImageOutput(logits, nn.functional.interpolate(x, scale_factor=(1.0, 2.0), mode="nearest"))
+        return ImageOutput(logits, x)

@@ -90,11 +90,11 @@ class PointTask(Task):
     def forward(self, trained: nn.Module, batch: list[Sample]) -> tuple[Tensor, Tensor]:
         """See `Task`."""
         with torch.no_grad():
-            features = self.image_net(self.to_device([sample.image for sample in batch])).features  # (B, c, H, W)
+            output = self.image_net(self.to_device([sample.image for sample in batch]))
         parts, xyz, scan, labels = [], [], [], []
         for b, sample in enumerate(batch):
             pixel = torch.from_numpy(sample.pixel).to(self.device, torch.int64)
-            parts.append(features[b].flatten(1)[:, pixel].T)  # (N, c)
+            parts.append(output.features_at(b, pixel))  # (N, c)
             xyz.append(torch.from_numpy(sample.xyz).to(self.device))
             scan.append(torch.full_like(pixel, b))
             labels.append(torch.from_numpy(sample.classes).to(self.device))

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.jit import kernel
 from runtime.sensor import HISTORY
 
 JUMP = 10.0  # m between two scans: 360 km/h at 10 Hz, no drive
@@ -72,9 +73,19 @@ class History:
         count = int(np.count_nonzero(keep))
         if len(self._buffers[slot]) < count:
             self._buffers[slot] = np.empty((count + count // 8, 3), np.float32)
-        np.compress(keep, points[:, :3], axis=0, out=self._buffers[slot][:count])
+        _keep(points, keep, self._buffers[slot])
         self._counts[slot] = count
         self._poses[slot] = pose.copy()
         self._newest = slot
         self._length = min(self._length + 1, HISTORY)
         self._time = time
+
+
+@kernel
+def _keep(points, keep, out):  # type: ignore[no-untyped-def]
+    row = 0
+    for i in range(keep.size):
+        if keep[i]:
+            for axis in range(3):
+                out[row, axis] = points[i, axis]
+            row += 1

@@ -63,8 +63,9 @@ class ImageNet:
         return net
 
     def run(self, image: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Probabilities (3, H, W) and features (c, H, W) of an image (channels, H, W), all f32.
+        """Probabilities (3, H, W) and features (c, H, W / s) of an image (channels, H, W), all f32.
 
+        s neighbouring pixels of a row share their features; 1 but for "rt", whose stems halve the width.
         Raises InferenceError where the image does not fit, the network fails or gives values that are not finite.
         """
         if image.dtype != np.float32 or (1, *image.shape) != self.shape:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,16 +21,6 @@ class ImageInput:
     first: NDArray[np.int32]  # (H, W) index of the nearest point; -1 where the pixel is empty
     pixel: NDArray[np.int32]  # (N,) v * W + u of every point; -1: none (at the origin or not finite)
     range: NDArray[np.float32]  # (N,) m; 0 where pixel is -1
-
-    @cached_property
-    def u(self) -> NDArray[np.int32]:
-        """(N,) column of every point; -1 where it has no pixel."""
-        return np.where(self.pixel < 0, np.int32(-1), self.pixel % np.int32(self.image.shape[2]))
-
-    @cached_property
-    def v(self) -> NDArray[np.int32]:
-        """(N,) row of every point; -1 where it has no pixel."""
-        return np.where(self.pixel < 0, np.int32(-1), self.pixel // np.int32(self.image.shape[2]))
 
 
 @fast_kernel

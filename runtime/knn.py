@@ -33,28 +33,29 @@ _WEIGHTS = _weights()
 def knn_vote(
     labels: npt.NDArray[np.uint8],
     range_image: npt.NDArray[np.float32],
-    u: npt.NDArray[np.int32],
-    v: npt.NDArray[np.int32],
+    pixel: npt.NDArray[np.int32],
     ranges: npt.NDArray[np.float32],
     workers: Workers,
 ) -> npt.NDArray[np.uint8]:
     """Class of every point, (N,) uint8: 1 static or 2 moving.
 
     labels: (H, W) class of each pixel (0 unlabelled, 1 static, 2 moving). range_image: (H, W) m, 0 where the
-    pixel is empty. u, v: (N,) column and row of each point. ranges: (N,) m, the points' own ranges.
+    pixel is empty. pixel: (N,) v * W + u of each point, negative: none. ranges: (N,) m, the points' own ranges.
 
     The cells of the 5 x 5 window are compared by |range of the cell - range of the point| * (1 - g), with g
     the normalised Gaussian of sigma 1. Empty pixels are infinitely far; cells outside the image have range 0
     and no label; the centre stands for the point itself. Of the 5 nearest (on equal distance the first in row
-    order) those within 1 m vote. A tie, no vote at all, and a point without pixel (u = -1) are static.
+    order) those within 1 m vote. A tie, no vote at all, and a point without pixel are static.
     """
     height, width = labels.shape
     cells = np.empty((height + WINDOW - 1, width + WINDOW - 1), np.float32)
     classes = np.empty(cells.shape, np.uint8)
     _pad(np.ascontiguousarray(labels), np.ascontiguousarray(range_image), cells, classes)
-    u, v, ranges = np.ascontiguousarray(u), np.ascontiguousarray(v), np.ascontiguousarray(ranges)
-    out = np.empty(len(u), np.uint8)
-    workers.ranges(lambda start, stop: _vote(cells, classes, u, v, ranges, _WEIGHTS, start, stop, out), len(u), _GRAIN)
+    pixel, ranges = np.ascontiguousarray(pixel), np.ascontiguousarray(ranges)
+    out = np.empty(len(pixel), np.uint8)
+    workers.ranges(
+        lambda start, stop: _vote(cells, classes, pixel, width, ranges, _WEIGHTS, start, stop, out), len(out), _GRAIN
+    )
     return out
 
 
@@ -73,12 +74,13 @@ def _pad(labels, range_image, cells, classes):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _vote(cells, classes, u, v, ranges, weights, start, stop, out):  # type: ignore[no-untyped-def]
+def _vote(cells, classes, pixel, width, ranges, weights, start, stop, out):  # type: ignore[no-untyped-def]
     for i in range(start, stop):
         out[i] = STATIC
-        if u[i] < 0:
+        if pixel[i] < 0:
             continue
-        left, top, own = np.uint32(u[i]), np.uint32(v[i]), ranges[i]
+        top, left = divmod(np.uint32(pixel[i]), np.uint32(width))
+        own = ranges[i]
         moving = 0
         for dy in range(np.uint32(WINDOW)):
             for dx in range(np.uint32(WINDOW)):

@@ -17,7 +17,7 @@ from runtime.transfer import to_points
 from runtime.voxels import Voxels, voxelise
 from runtime.workers import Workers
 
-DEFAULT_HALO = 1.0  # m around candidates
+DEFAULT_HALO = 0.4  # m around candidates: with trained weights as good as 1 m, at half the voxels
 
 Floats = NDArray[np.float32]
 
@@ -25,9 +25,9 @@ Floats = NDArray[np.float32]
 class FeatureMap(NamedTuple):
     """Features of an image and the pixel of each point; only the voxels that are refined read theirs."""
 
-    features: Floats  # (c, H, W)
-    u: NDArray[np.int32]  # (N,) column, negative: no pixel (features are 0)
-    v: NDArray[np.int32]  # (N,) row
+    features: Floats  # (c, H, W / s): s neighbouring pixels of a row share theirs
+    pixel: NDArray[np.int32]  # (N,) v * W + u of each point, negative: no pixel (features are 0)
+    width: int  # W
 
 
 class PointHead(ABC):
@@ -45,7 +45,7 @@ class PointHead(ABC):
         self,
         xyz: Floats,
         valid: NDArray[np.bool_],
-        pixel_features: Floats | FeatureMap | tuple[Floats, NDArray[np.int32], NDArray[np.int32]],
+        pixel_features: Floats | FeatureMap,
         candidates: NDArray[np.bool_] | None = None,
         halo: float | Literal["exact"] = DEFAULT_HALO,
     ) -> Floats:
@@ -70,7 +70,8 @@ class PointHead(ABC):
             if not wanted.any():
                 return result
             began = perf_counter()
-            voxels = voxelise(xyz, self.config.voxel_size, self.workers, valid)
+            near = None if candidates is None else (wanted, reach)
+            voxels = voxelise(xyz, self.config.voxel_size, self.workers, valid, near)
             kept = (
                 self._kept(voxels, wanted, reach)
                 if candidates is not None
@@ -101,25 +102,23 @@ class PointHead(ABC):
             raise SettingError(f'halo must be "exact" or a distance of 0 m or more, not {halo!r}')
         return ceil(halo / self.config.voxel_size - 1e-6)
 
-    def _features(
-        self, given: Floats | FeatureMap | tuple[Floats, NDArray[np.int32], NDArray[np.int32]], count: int
-    ) -> tuple[Floats, NDArray[np.int32]]:
-        """Features as (R, c), in any memory order, and the row of each point."""
-        if isinstance(given, tuple):
-            image, u, v = given
-            channels, _, width = image.shape
-            if channels == self.config.in_channels and np.shape(u) == np.shape(v) == (count,):
+    def _features(self, given: Floats | FeatureMap, count: int) -> tuple[Floats, NDArray[np.int32]]:
+        """Features as (R, c), in any memory order, and the row of each point, negative for zeros."""
+        channels = self.config.in_channels
+        if isinstance(given, FeatureMap):
+            image, pixel, width = given
+            if image.shape[0] == channels and pixel.shape == (count,) and width % image.shape[2] == 0:
                 image = np.require(image, np.float32, ["C", "W"]).reshape(channels, -1).T
-                return image, np.where(u >= 0, v * np.int32(width) + u, np.int32(-1)).astype(np.int32)
-            shapes = f"{given[0].shape}, {np.shape(u)} and {np.shape(v)}"
-        elif given.shape == (count, self.config.in_channels):
+                share = width // given.features.shape[2]
+                return image, pixel if share == 1 else pixel // np.int32(share)  # -1 // share is -1
+            shapes = f"{image.shape} of an image {width} wide, with {pixel.shape} pixels"
+        elif given.shape == (count, channels):
             return np.require(given, np.float32, ["C", "W"]), np.arange(count, dtype=np.int32)
         else:
             shapes = str(given.shape)
-        channels = self.config.in_channels
         raise ScanError(
-            f"features of {count} points must be ({count}, {channels}), or ({channels}, H, W) with two "
-            f"({count},) arrays of pixels, not {shapes}"
+            f"features of {count} points must be ({count}, {channels}), or a FeatureMap of ({channels}, H, W / s) with "
+            f"({count},) pixels, not {shapes}"
         )
 
     def _kept(self, voxels: Voxels, wanted: NDArray[np.bool_], reach: int) -> NDArray[np.int32]:

@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from runtime.bundle import Bundle, default_bundle_path, load_bundle
+from runtime.decision import pixel_classes, point_results, take_refined
 from runtime.errors import MosWarning, SettingError
 from runtime.history import History
 from runtime.image_net import ImageNet, provider_name
 from runtime.inputs import ImageInput, InputBuilder
 from runtime.jit import is_cached
-from runtime.knn import MOVING, STATIC, knn_vote
+from runtime.knn import MOVING, knn_vote
 from runtime.onnx_head import choose_head
 from runtime.poses import check_pose
 from runtime.projection import project_scan
@@ -195,21 +196,17 @@ class MosRunner:
         features: NDArray[np.float32],
     ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
         """From pixels to points: moving (N,), probability (N,)."""
-        valid = image.pixel >= 0
-        at = np.maximum(image.pixel, 0)
-        probability = np.where(valid, probabilities[MOVING].reshape(-1)[at], np.float32(0))
         decision = self.bundle.manifest.decision
-        classes = _classes(probabilities, decision.threshold)  # (H, W)
+        moving, probability = point_results(probabilities, image.pixel, decision.threshold)
         if self.postprocess == "knn":
-            labels = knn_vote(classes, image.range_image, image.u, image.v, image.range, self.workers)
+            classes = pixel_classes(probabilities, decision.threshold)
+            labels = knn_vote(classes, image.range_image, image.pixel, image.range, self.workers)
             return labels == MOVING, probability
-        moving = valid & (classes.reshape(-1)[at] == MOVING)
         if self._head is not None:
-            candidates = None if self.refine == "all" else valid & (probability > CANDIDATE)
-            refined = self._head.refine(points[:, :3], valid, FeatureMap(features, image.u, image.v), candidates)
-            known = ~np.isnan(refined[:, MOVING])
-            probability = np.where(known, refined[:, MOVING], probability)
-            moving = np.where(known, _classes(refined.T, decision.head_threshold) == MOVING, moving)
+            candidates = None if self.refine == "all" else probability > CANDIDATE
+            given = FeatureMap(features, image.pixel, image.image.shape[2])
+            refined = self._head.refine(points[:, :3], image.pixel >= 0, given, candidates)
+            take_refined(refined, decision.head_threshold, moving, probability)
         return moving, probability
 
     def _warm_up(self) -> None:
@@ -224,11 +221,3 @@ class MosRunner:
         self(wall, np.eye(4))
         self.refine = refine
         self.reset()
-
-
-def _classes(probabilities: NDArray[np.float32], threshold: float | None) -> NDArray[np.uint8]:
-    """Class of probabilities (3, ...): the most likely, or moving from a threshold on."""
-    if threshold is None:
-        best: NDArray[np.uint8] = probabilities.argmax(axis=0).astype(np.uint8)
-        return best
-    return np.where(probabilities[MOVING] > threshold, np.uint8(MOVING), np.uint8(STATIC))

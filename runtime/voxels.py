@@ -12,6 +12,7 @@ from runtime.workers import Workers
 AXIS_BITS = 21  # three axes fill 63 bits of a key
 _GRAIN = 32_768  # points per task
 _FAR = 1 << 30  # voxels; farther points cannot be counted in 32 bits
+_COLUMNS, _COLUMN_BITS = 512, 3  # columns of 2^3 voxels in x and y; what is 512 of them apart shares one
 
 
 @dataclass(frozen=True)
@@ -27,14 +28,20 @@ class Voxels:
 
 
 def voxelise(
-    xyz: NDArray[np.float32], voxel_size: float, workers: Workers, valid: NDArray[np.bool_] | None = None
+    xyz: NDArray[np.float32],
+    voxel_size: float,
+    workers: Workers,
+    valid: NDArray[np.bool_] | None = None,
+    near: tuple[NDArray[np.bool_], int] | None = None,
 ) -> Voxels:
     """Voxels of a scan: `q = round(xyz / voxel_size)` in float32, ties to even, minus the minimum per axis.
 
     `xyz` (N, 3) float32 m; `valid` (N,) bool: points to use, by default all but those at the origin. Points
-    with NaN or infinite coordinates are always left out. Raises ScanError where the scan spans 2^21 voxels.
+    with NaN or infinite coordinates are always left out. `near`: candidates (N,) bool and a distance in voxels;
+    saves the work for voxels that are farther in x or y from those of all candidates (not for each of them), on the
+    grid of the whole scan. Raises ScanError where the scan spans 2^21 voxels.
     """
-    xyz = np.require(xyz, np.float32, ["C", "W"])
+    xyz = np.require(xyz, np.float32, ["W"])  # columns of a wider array are read where they are
     if xyz.ndim != 2 or xyz.shape[1] != 3:
         raise ScanError(f"a scan's coordinates must be (N, 3), not {xyz.shape}")
     mask = xyz.any(axis=1) if valid is None else np.require(valid, np.bool_, ["C", "W"])
@@ -50,8 +57,7 @@ def voxelise(
         _quantise(xyz, np.float32(voxel_size), mask, cells, used, extents, start // _GRAIN, start, stop)
 
     workers.ranges(quantise, count, _GRAIN)
-    offsets = np.concatenate(([0], np.cumsum(extents[:, 6])))
-    total = int(offsets[-1])
+    total = int(extents[:, 6].sum())
     lowest = extents[:, :3].min(axis=0) if total else np.zeros(3, np.int64)
     span = extents[:, 3:6].max(axis=0) - lowest if total else np.zeros(3, np.int64)
     if total and (span.max() >> AXIS_BITS or np.abs(extents[:, :6]).max() >= _FAR):
@@ -59,6 +65,14 @@ def voxelise(
             f"the scan spans {np.abs(extents[:, :6]).max() * voxel_size:.3g} m or more, too far for "
             f"{1 << AXIS_BITS} voxels of {voxel_size} m: drop the far points or use larger voxels"
         )
+    if near is not None:
+        columns = np.zeros((_COLUMNS, _COLUMNS), np.bool_)
+        _mark_columns(cells, used, np.require(near[0], np.bool_), near[1], columns)
+        workers.ranges(
+            lambda start, stop: _select(cells, used, columns, extents, start // _GRAIN, start, stop), count, _GRAIN
+        )
+    offsets = np.concatenate(([0], np.cumsum(extents[:, 6])))
+    total = int(offsets[-1])
     keys = np.empty(total, np.int64)
     points = np.empty(total, np.int32)
     workers.ranges(
@@ -89,6 +103,26 @@ def _quantise(xyz, size, valid, cells, used, extents, task, start, stop):  # typ
             cells[i, axis] = q
             extents[task, axis] = min(extents[task, axis], q)
             extents[task, 3 + axis] = max(extents[task, 3 + axis], q)
+    extents[task, 6] = number
+
+
+@kernel
+def _mark_columns(cells, used, candidates, reach, columns):  # type: ignore[no-untyped-def]
+    for i in range(candidates.size):
+        if candidates[i] and used[i]:
+            for x in range((cells[i, 0] - reach) >> _COLUMN_BITS, ((cells[i, 0] + reach) >> _COLUMN_BITS) + 1):
+                for y in range((cells[i, 1] - reach) >> _COLUMN_BITS, ((cells[i, 1] + reach) >> _COLUMN_BITS) + 1):
+                    columns[x & (_COLUMNS - 1), y & (_COLUMNS - 1)] = True
+
+
+@kernel
+def _select(cells, used, columns, extents, task, start, stop):  # type: ignore[no-untyped-def]
+    number = 0
+    for i in range(start, stop):
+        if used[i]:
+            x, y = cells[i, 0] >> _COLUMN_BITS, cells[i, 1] >> _COLUMN_BITS
+            used[i] = columns[x & (_COLUMNS - 1), y & (_COLUMNS - 1)]
+            number += used[i]
     extents[task, 6] = number
 
 

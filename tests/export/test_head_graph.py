@@ -125,8 +125,8 @@ def test_features_of_an_image(engines):
     head, engine = engines(ODD)
     xyz, valid, _ = scan(ODD, 2)
     random = np.random.default_rng(2)
-    u, v = (random.integers(-1, size, len(xyz)).astype(np.int32) for size in (32, 16))
-    image = FeatureMap(random.normal(size=(5, 16, 32)).astype(np.float32), u, np.maximum(v, 0))
+    pixel = random.integers(-9, 16 * 32, len(xyz)).astype(np.int32)
+    image = FeatureMap(random.normal(size=(5, 16, 32)).astype(np.float32), pixel, 32)
     np.testing.assert_allclose(head.refine(xyz, valid, image), engine.refine(xyz, valid, image), atol=TOLERANCE)
 
 

@@ -59,11 +59,23 @@ def test_every_parameter_of_every_row_learns(name: str) -> None:
     net = build_image_network(config).train()
     out = net(random_image(config, 2, 32, 64))
     assert out.logits.shape == (2, 3, 32, 64)
-    assert out.features.shape == (2, 4, 32, 64)
+    assert out.features.shape[:3] == (2, 4, 32)
     nn.functional.cross_entropy(out.logits, torch.randint(3, (2, 32, 64))).backward()
     for key, parameter in net.named_parameters():
         assert parameter.grad is not None, key
         assert parameter.grad.isfinite().all(), key
+
+
+@pytest.mark.parametrize(("name", "share"), [("lmnet", 1), ("rt", 2)])
+def test_features_of_pixels(name: str, share: int) -> None:
+    """Features of a pixel are those in its place of the feature map, which may be narrower than the image."""
+    config = named_config(name, channels=4)
+    with torch.no_grad():
+        out = build_image_network(config).eval()(random_image(config, 2, 16, 32))
+    assert out.features.shape == (2, 4, 16, 32 // share)
+    v, u = torch.tensor([0, 3, 3, 15]), torch.tensor([0, 6, 7, 31])
+    found = out.features_at(1, v * 32 + u)
+    assert torch.equal(found, out.features[1][:, v, u // share].T)
 
 
 @pytest.mark.parametrize("name", ["v1", "lmnet"])

@@ -23,6 +23,12 @@ def street(seed: int, count: int = 3000) -> np.ndarray:
     return np.concatenate([xyz * r[:, None], rng.uniform(0, 1, (count, 1))], 1).astype(np.float32)
 
 
+def columns_and_rows(pixel: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Column and row of each point; -1 for points without a pixel."""
+    v, u = np.divmod(pixel, width)
+    return np.where(pixel < 0, -1, u), np.where(pixel < 0, -1, v)
+
+
 def pose(seed: int, far: float = 0.0) -> np.ndarray:
     rng = np.random.default_rng(seed)
     a = rng.uniform(-0.2, 0.2)
@@ -53,9 +59,10 @@ def test_every_point_keeps_its_pixel():
     points = street(5)
     got = InputBuilder(sensor, Residual(), Workers(2)).build(points, [], [])
     want = np.array([project_point(*p[:3].astype(np.float64), sensor) for p in points])
-    assert (got.u != want[:, 0]).sum() + (got.v != want[:, 1]).sum() <= 1
+    u, v = columns_and_rows(got.pixel, sensor.width)
+    assert (u != want[:, 0]).sum() + (v != want[:, 1]).sum() <= 1
     np.testing.assert_allclose(got.range, want[:, 2], rtol=1e-6)
-    nearest = got.range_image[got.v, got.u]
+    nearest = got.range_image[v, u]
     assert (nearest <= got.range).all()
     assert (got.range_image[got.first >= 0] == got.range[got.first[got.first >= 0]]).all()
 
@@ -75,7 +82,7 @@ def test_every_point_keeps_its_pixel():
 )
 def test_corners_of_the_projection(point, u, v):
     got = InputBuilder(Sensor(), Residual(), Workers(1)).build(np.array([[*point, 0]], np.float32), [], [])
-    assert (got.u[0], got.v[0]) == (u, v)
+    assert got.pixel.tolist() == [v * 2048 + u]
 
 
 def test_points_without_direction_have_no_pixel():
@@ -87,8 +94,6 @@ def test_points_without_direction_have_no_pixel():
     points[13, :3] = 3e38  # the norm overflows
     got = InputBuilder(Sensor(), Residual(), Workers(1)).build(points, [points], [np.eye(4)])
     assert set(np.flatnonzero(got.pixel < 0)) == {3, 7, 9, 11, 13}
-    assert (got.u[got.pixel < 0] == -1).all()
-    assert (got.v[got.pixel < 0] == -1).all()
     assert (got.range[got.pixel < 0] == 0).all()
     assert np.isfinite(got.image).all()
 
@@ -161,6 +166,7 @@ def test_real_input():
     for channel in range(13):
         differs = np.abs(got.image[channel] - want["input"][channel]) > 1e-4
         assert differs.mean() <= 1e-4, channel
-    assert (got.u != want["u"]).mean() <= 1e-4
-    assert (got.v != want["v"]).mean() <= 1e-4
-    assert ((got.u < 0) == (want["u"] < 0)).all()
+    u, v = columns_and_rows(got.pixel, 2048)
+    assert (u != want["u"]).mean() <= 1e-4
+    assert (v != want["v"]).mean() <= 1e-4
+    assert ((u < 0) == (want["u"] < 0)).all()

@@ -65,14 +65,17 @@ def test_feature_map():
     random = np.random.default_rng(2)
     image = random.normal(size=(5, 16, 32)).astype(np.float32)
     xyz, valid, _ = scan(2)
-    u, v = (random.integers(0, size, len(xyz)).astype(np.int32) for size in (32, 16))
-    u[::50] = v[::50] = -1
-    features = np.where(u[:, None] >= 0, image[:, v, u].T, 0)
+    pixel = random.integers(0, 16 * 32, len(xyz)).astype(np.int32)
+    pixel[::50] = -1
+    features = np.where(pixel[:, None] >= 0, image.reshape(5, -1)[:, pixel].T, 0)
     for config in (SMALL, replace(SMALL, reduce="mean")):
         head = engine(config)
         expected = head.refine(xyz, valid, features)
-        assert np.array_equal(head.refine(xyz, valid, FeatureMap(image, u, v)), expected, equal_nan=True)
-        assert np.array_equal(head.refine(xyz, valid, (image, u, v)), expected, equal_nan=True)
+        assert np.array_equal(head.refine(xyz, valid, FeatureMap(image, pixel, 32)), expected, equal_nan=True)
+    wide = FeatureMap(image.repeat(4, axis=2), pixel, 128)  # four pixels of a row have the same features
+    assert np.array_equal(
+        head.refine(xyz, valid, FeatureMap(image, pixel, 128)), head.refine(xyz, valid, wide), equal_nan=True
+    )
 
 
 @pytest.mark.parametrize("config", [SMALL, DEEP, replace(SMALL, reduce="mean")])
@@ -211,8 +214,9 @@ def test_wrong_input_leaves_the_engine_usable():
         (xyz, valid[1:], features),
         (xyz, valid, features[:, :4]),
         (xyz, valid, features[1:]),
-        (xyz, valid, (image[:4], pixel, pixel)),
-        (xyz, valid, (image, pixel[1:], pixel)),
+        (xyz, valid, FeatureMap(image[:4], pixel, 8)),
+        (xyz, valid, FeatureMap(image, pixel[1:], 8)),
+        (xyz, valid, FeatureMap(image, pixel, 12)),
         (xyz, valid, features, valid[1:]),
     ):
         with pytest.raises(ScanError):

@@ -70,6 +70,26 @@ def test_nothing_and_one_voxel():
     assert found.coords.tolist() == [[0, 0, 0]]
 
 
+@pytest.mark.parametrize("reach", [0, 1, 5, 9, 40])
+@pytest.mark.parametrize("shift", [0.0, -3.0, 210.0])  # 210 m: other columns share a mark, which only keeps more
+def test_near_candidates(reach, shift):
+    """All that is within reach of a candidate is as in the whole scan; some of the rest is left out."""
+    xyz = reference.surfaces(reach, 900, 9.0) + np.float32(shift)
+    candidates = np.zeros(900, bool)
+    candidates[[5, 300]] = True
+    whole, part = voxelise(xyz, SIZE, Workers(2)), voxelise(xyz, SIZE, Workers(2), None, (candidates, reach))
+    apart = np.abs(whole.coords[:, None] - whole.coords[whole.inverse[candidates]]).max(axis=2).min(axis=1)
+    assert np.isin(whole.keys[apart <= reach], part.keys).all()
+    assert np.isin(part.keys, whole.keys).all()
+    assert len(part.keys) < len(whole.keys)
+    rows = np.searchsorted(whole.keys, part.keys)
+    assert np.array_equal(part.coords, whole.coords[rows])
+    assert np.array_equal(part.first, whole.first[rows])
+    assert np.array_equal(np.flatnonzero(part.inverse >= 0), np.flatnonzero(np.isin(whole.inverse, rows)))
+    assert np.array_equal(rows[part.inverse[part.inverse >= 0]], whole.inverse[part.inverse >= 0])
+    assert len(voxelise(xyz, SIZE, Workers(1), None, (np.zeros(900, bool), reach)).keys) == 0
+
+
 def test_read_only_and_strided_arrays():
     xyz = reference.surfaces(3, 300)
     wide = np.zeros((300, 4), np.float32)
