@@ -88,6 +88,14 @@ class RealtimeNet(nn.Module):
 
     def forward(self, image: Tensor) -> ImageOutput:
         """image (B, 5 + L, H, W) float32, H and W multiples of 16."""
+        x = torch.relu(self.features(self.decode(image)))  # (B, f, H, W/2)
+        pairs = self.logits(x)  # (B, 6, H, W/2): each class at the even and at the odd column
+        batch, _, height, width = pairs.shape
+        pairs = pairs.view(batch, CLASSES, 2, height, width).permute(0, 1, 3, 4, 2)  # (B, 3, H, W/2, 2)
+        return ImageOutput(pairs.reshape(batch, CLASSES, height, 2 * width), x)
+
+    def decode(self, image: Tensor) -> Tensor:
+        """From the image to the decoder's last map (B, w0, H, W/2)."""
         a = self.range_refine(self.range_stem(image[:, :5]))  # (B, w0, H, W/2)
         m = self.motion_stem(image[:, 5:].clamp(-CLIP, CLIP))  # (B, w0, H, W/2)
         a = self.attention[0](a, m)
@@ -107,9 +115,4 @@ class RealtimeNet(nn.Module):
         x = self.middle(skips.pop())  # (B, w3, H/8, W/16)
         for up, skip in zip(self.up, reversed(skips), strict=True):
             x = up(x, skip)  # ... (B, w0, H, W/2)
-        x = torch.relu(self.features(x))  # (B, f, H, W/2)
-        pairs = self.logits(x)  # (B, 6, H, W/2): each class at the even and at the odd column
-        batch, _, height, width = pairs.shape
-        pairs = pairs.view(batch, CLASSES, 2, height, width).permute(0, 1, 3, 4, 2)  # (B, 3, H, W/2, 2)
-        logits = pairs.reshape(batch, CLASSES, height, 2 * width)  # (B, 3, H, W)
-        return ImageOutput(logits, x)
+        return x
