@@ -87,9 +87,9 @@ def integer_values(graph: Graph, convolutions: Collection[str]) -> dict[str, boo
                 found.setdefault(name, False)
         elif node.op == "SoftPool":
             found.setdefault(given[0], False)
-    for node in reversed(graph.nodes):  # a last shift is added in float
-        takers = graph.consumers(node.output)
-        if found.get(node.output) and shift_of(graph, node) is not None and not any(found.get(t.output) for t in takers):
+    for node in reversed(graph.nodes):  # what only float operations take is cheaper in float
+        late = shift_of(graph, node) is not None or node.op == "Resize"
+        if found.get(node.output) and late and not any(found.get(t.output) for t in graph.consumers(node.output)):
             del found[node.output]
     return found
 
@@ -111,7 +111,9 @@ def roots(graph: Graph, values: Mapping[str, bool]) -> dict[str, str]:
     return found
 
 
-def parameters(graph: Graph, values: Mapping[str, bool], ranges: Mapping[str, tuple[float, float]]) -> dict[str, Params]:
+def parameters(
+    graph: Graph, values: Mapping[str, bool], ranges: Mapping[str, tuple[float, float]]
+) -> dict[str, Params]:
     """Scale and zero point of every value. Parts of a concatenation share them where none is negative."""
     origin = roots(graph, values)
     own = {name: ranges[origin[name]] for name in values}

@@ -22,6 +22,7 @@ from runtime.jit import is_cached
 from runtime.knn import MOVING, STATIC, knn_vote
 from runtime.onnx_head import choose_head
 from runtime.poses import check_pose
+from runtime.precision import choose_precision
 from runtime.projection import project_scan
 from runtime.refinement import FeatureMap, PointHead
 from runtime.scans import as_scan
@@ -72,7 +73,8 @@ class MosRunner:
         refine: the point head looks "near" points that may move (the others keep their pixel's result), or at "all".
         head_engine: of the point head: "numba" on the processor, "onnx" on `providers`; "auto": "onnx" on a GPU's
             provider where the bundle has `point_head.onnx`, else "numba".
-        precision: of the image network: "float32", "int8", or "auto": INT8 where the bundle has it.
+        precision: of the image network: "float32", "int8", or "auto": INT8 where the bundle has it and the processor
+            gains from it (`runtime.precision`); what was chosen is logged and in the attribute `precision`.
         providers, allow_fallback, session_options: see `runtime.image_net.open_session`.
 
         Raises BundleError, ProviderError or SettingError.
@@ -92,9 +94,12 @@ class MosRunner:
             raise SettingError(f"bundle {manifest.name!r} has no point head: choose postprocess 'knn' or 'none'")
         self.refine = refine
         self._inputs = InputBuilder(manifest.sensor, manifest.residual, self.workers)
+        names = [provider_name(given) for given in providers or ()]
+        self.precision, reason = choose_precision(self.bundle, precision, names)
+        log.info("image network in %s: %s", self.precision, reason)
         self._image_net = ImageNet.of(
             self.bundle,
-            precision=precision,
+            precision=self.precision,
             threads=threads,
             providers=providers,
             allow_fallback=allow_fallback,
@@ -199,7 +204,7 @@ class MosRunner:
         at = np.maximum(image.pixel, 0)
         probability = np.where(valid, probabilities[MOVING].reshape(-1)[at], np.float32(0))
         decision = self.bundle.manifest.decision
-        classes = _classes(probabilities, decision.threshold)  # (H, W)
+        classes = classes_of(probabilities, decision.threshold)  # (H, W)
         if self.postprocess == "knn":
             labels = knn_vote(classes, image.range_image, image.u, image.v, image.range, self.workers)
             return labels == MOVING, probability
@@ -209,7 +214,7 @@ class MosRunner:
             refined = self._head.refine(points[:, :3], valid, FeatureMap(features, image.u, image.v), candidates)
             known = ~np.isnan(refined[:, MOVING])
             probability = np.where(known, refined[:, MOVING], probability)
-            moving = np.where(known, _classes(refined.T, decision.head_threshold) == MOVING, moving)
+            moving = np.where(known, classes_of(refined.T, decision.head_threshold) == MOVING, moving)
         return moving, probability
 
     def _warm_up(self) -> None:
@@ -226,7 +231,7 @@ class MosRunner:
         self.reset()
 
 
-def _classes(probabilities: NDArray[np.float32], threshold: float | None) -> NDArray[np.uint8]:
+def classes_of(probabilities: NDArray[np.float32], threshold: float | None) -> NDArray[np.uint8]:
     """Class of probabilities (3, ...): the most likely, or moving from a threshold on."""
     if threshold is None:
         best: NDArray[np.uint8] = probabilities.argmax(axis=0).astype(np.uint8)
