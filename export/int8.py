@@ -111,15 +111,11 @@ def choose_floats(prepared: Prepared, judge: "Judge", limit: float) -> tuple[str
     alone = {layer: few.loss(prepared.model([o for o in every if o != layer])).difference for layer in every}
     worst = sorted(every, key=lambda layer: (-alone[layer], layer))
     most = max(1, int(MOST_FLOAT * len(every)))
-    count = 1
-    while True:
+    for count in range(1, most + 1):
         floats = tuple(worst[:count])
         loss = judge.loss(prepared.model(floats))
         if loss.points <= limit:
             return floats
-        if count == most:
-            break
-        count = min(2 * count, most)
     lines = ", ".join(f"{layer} ({alone[layer]:.1e})" for layer in worst[:5])
     raise QuantisationError(
         f"INT8 loses {loss.points:.2f} points of IoU (float {loss.before:.2f} %, limit {limit:g}), with {most} of "

@@ -12,6 +12,7 @@ import mos_model.simulator
 from export import int8, parity
 from export.int8 import Judge, Loss, Scene, Settings, choose_floats, recorded
 from export.to_onnx import export_checkpoint, main
+from mos_model.checkpoint import save
 from mos_model.simulator import PROFILES, simulate
 from mos_model.simulator.write import write_dataset
 from runtime.bundle import load_bundle
@@ -19,6 +20,7 @@ from runtime.errors import MosWarning, QuantisationError, ScanError, SequenceErr
 from runtime.image_net import ImageNet
 from runtime.runner import MosRunner
 from runtime.sensor import Residual, Sensor
+from tests.make_tiny import random_network, tiny_config
 
 ROOT = Path(__file__).parents[2]
 TINY = ROOT / "tests" / "data" / "tiny"
@@ -40,10 +42,19 @@ def thin_scans():
 
 
 @pytest.fixture(scope="module")
-def first(tmp_path_factory):
-    """The tiny checkpoint in INT8."""
+def checkpoint(tmp_path_factory):
+    """The tiny image network alone."""
+    path = tmp_path_factory.mktemp("checkpoint") / "checkpoint.pt"
+    config = dataclasses.replace(tiny_config(), point_head=None)
+    save(path, config, random_network(config)[0], None, {"trained": False}, half=True)
+    return path
+
+
+@pytest.fixture(scope="module")
+def first(checkpoint, tmp_path_factory):
+    """It in INT8."""
     out = tmp_path_factory.mktemp("int8") / "bundle"
-    return export_checkpoint(TINY / "checkpoint.pt", out, precision="int8", int8=QUICK).bundle
+    return export_checkpoint(checkpoint, out, precision="int8", int8=QUICK).bundle
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +66,7 @@ def street(tmp_path_factory):
 
 
 def test_both_networks_are_in_the_bundle_and_nearly_agree(first):
-    assert set(first.manifest.files) == {"image_net.onnx", "image_net_int8.onnx", "point_head.npz"}
+    assert set(first.manifest.files) == {"image_net.onnx", "image_net_int8.onnx"}
     assert first.manifest.files["image_net_int8.onnx"].precision == "int8"
     image = np.random.default_rng(0).normal(size=(13, 64, 256)).astype(np.float32)
     real, whole = (ImageNet.of(first, precision, threads=1).run(image) for precision in ("float32", "int8"))
@@ -73,15 +84,15 @@ def test_the_manifest_says_what_was_measured(first):
     assert "iou_int8" not in record
 
 
-def test_the_same_checkpoint_gives_the_same_bytes(first, tmp_path):
-    again = export_checkpoint(TINY / "checkpoint.pt", tmp_path / "again", precision="int8", int8=QUICK).bundle
+def test_the_same_checkpoint_gives_the_same_bytes(first, checkpoint, tmp_path):
+    again = export_checkpoint(checkpoint, tmp_path / "again", precision="int8", int8=QUICK).bundle
     for name in ("image_net_int8.onnx", "manifest.json"):
         assert (again.path / name).read_bytes() == (first.path / name).read_bytes()
 
 
-def test_trained_weights_are_judged_by_iou(tmp_path):
+def test_trained_weights_are_judged_by_iou(checkpoint, tmp_path):
     done = export_checkpoint(
-        TINY / "checkpoint.pt",
+        checkpoint,
         tmp_path / "bundle",
         trained=True,
         precision="int8",
@@ -93,13 +104,13 @@ def test_trained_weights_are_judged_by_iou(tmp_path):
     assert 0 <= record["iou_int8"] <= 100
 
 
-def test_a_network_that_loses_too_much_is_refused_and_nothing_written(monkeypatch, tmp_path):
+def test_a_network_that_loses_too_much_is_refused_and_nothing_written(checkpoint, monkeypatch, tmp_path):
     def refuse(prepared, judge, limit):
         raise QuantisationError(f"{len(prepared.layers) > 50}, {limit}, {judge.loss(prepared.model()).difference > 0}")
 
     monkeypatch.setattr(int8, "choose_floats", refuse)
     with pytest.raises(QuantisationError, match=r"True, 0\.5, True"):
-        export_checkpoint(TINY / "checkpoint.pt", tmp_path / "bundle", trained=True, precision="int8", int8=QUICK)
+        export_checkpoint(checkpoint, tmp_path / "bundle", trained=True, precision="int8", int8=QUICK)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -113,13 +124,11 @@ class Fake:
 
 
 class FakeJudge:
-    costs: dict = {"c": 2.0, "f": 3.0}
-
     def quick(self):
         return self
 
     def loss(self, integers):
-        lost = sum(self.costs.get(layer, 0.0) for layer in integers)
+        lost = sum({"c": 2.0, "f": 3.0}.get(layer, 0.0) for layer in integers)
         return Loss(60.0, 60.0 - lost, lost / 100)
 
 
@@ -207,10 +216,10 @@ def test_a_runner_takes_int8_and_says_so(first, caplog):
     assert runner(scan, np.eye(4)).moving.shape == (500,)
 
 
-def test_the_command(tmp_path, monkeypatch, capsys):
+def test_the_command(checkpoint, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(int8, "CALIBRATION_STREETS", 20_000_000)
     monkeypatch.setattr(Settings, "__init__", functools.partialmethod(Settings.__init__, streets=1, judging=1))
-    command = ["--checkpoint", str(TINY / "checkpoint.pt"), "--out", str(tmp_path / "bundle"), "--threads", "1"]
+    command = ["--checkpoint", str(checkpoint), "--out", str(tmp_path / "bundle"), "--threads", "1"]
     assert main([*command, "--precision", "int8"]) == 0
     said = capsys.readouterr().out
     assert "int8     mean difference of a probability" in said
@@ -220,8 +229,8 @@ def test_the_command(tmp_path, monkeypatch, capsys):
     assert load_bundle(tmp_path / "bundle").image_net("int8").is_file()
 
 
-def test_settings_that_cannot_be_are_errors(tmp_path):
+def test_settings_that_cannot_be_are_errors(checkpoint, tmp_path):
     with pytest.raises(SettingError, match="float32 or int8"):
-        export_checkpoint(TINY / "checkpoint.pt", tmp_path / "bundle", precision="int4")
+        export_checkpoint(checkpoint, tmp_path / "bundle", precision="int4")
     with pytest.raises(SettingError, match="belongs to --precision int8"):
-        export_checkpoint(TINY / "checkpoint.pt", tmp_path / "bundle", int8=QUICK)
+        export_checkpoint(checkpoint, tmp_path / "bundle", int8=QUICK)
