@@ -28,12 +28,13 @@ class Weight:
 
 @dataclass
 class Node:
-    """One operation with one output; `op` and `attributes` are those of ONNX."""
+    """One operation with one output; `op` and `attributes` are those of ONNX, `domain` is "" but for extensions."""
 
     op: str
     inputs: list[str]
     output: str
     attributes: dict[str, Any] = field(default_factory=dict)
+    domain: str = ""
 
 
 @dataclass
@@ -69,7 +70,7 @@ class Graph:
         if name in self.weights:
             self._count += 1
             name = f"{name}_{self._count}"
-        self.weights[name] = Weight(np.ascontiguousarray(values), scale)
+        self.weights[name] = Weight(np.asarray(values, order="C"), scale)
         return name
 
     def producer(self, name: str) -> Node | None:
@@ -128,7 +129,10 @@ def to_model(graph: Graph, name: str = "image_net") -> onnx.ModelProto:
             initialisers.append(numpy_helper.from_array(weight.folded(), key))
     for node in graph.nodes:
         attributes = dict(sorted(node.attributes.items()))
-        nodes.append(helper.make_node(node.op, node.inputs, [node.output], node.output, **attributes))
+        nodes.append(
+            helper.make_node(node.op, node.inputs, [node.output], node.output, domain=node.domain, **attributes)
+        )
+    domains = sorted({node.domain for node in graph.nodes} - {""})
     model = helper.make_model(
         helper.make_graph(
             nodes,
@@ -138,7 +142,7 @@ def to_model(graph: Graph, name: str = "image_net") -> onnx.ModelProto:
             initialisers,
         ),
         producer_name="lidar-mos",
-        opset_imports=[helper.make_opsetid("", OPSET)],
+        opset_imports=[helper.make_opsetid("", OPSET), *(helper.make_opsetid(domain, 1) for domain in domains)],
         ir_version=IR_VERSION,
     )
     onnx.checker.check_model(model, full_check=True)
@@ -149,7 +153,7 @@ def _as_half(values: np.ndarray) -> np.ndarray | None:
     """`values` as float16 if they are so already, or the kernel of a convolution that loses nothing."""
     if values.dtype == np.float16:
         return values
-    if values.ndim < 4:
+    if values.ndim < 4 or values.dtype != np.float32:
         return None
     with np.errstate(over="ignore"):
         half = values.astype(np.float16)

@@ -2,9 +2,10 @@
 
 import hashlib
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import torch
 import typer
@@ -13,6 +14,7 @@ from torch import Tensor, nn
 from export.blocked import with_blocked_forms
 from export.graph import to_model
 from export.head_graph import head_bytes
+from export.int8 import Settings, quantise
 from export.parity import Parity, check_parity
 from export.published import Source, understand
 from export.reader import read_tensors
@@ -22,6 +24,7 @@ from export.write import file_entry, head_arrays, plain, replacing, rounded_to_h
 from runtime.bundle import (
     DEFAULT_BUNDLE,
     IMAGE_NET,
+    IMAGE_NET_INT8,
     POINT_HEAD,
     POINT_HEAD_ONNX,
     Bundle,
@@ -32,7 +35,8 @@ from runtime.bundle import (
 from runtime.errors import CheckpointError, MosError, SettingError
 
 ROOT = Path(__file__).resolve().parents[1]
-PRECISIONS = ("float16", "float32")
+STORED = ("float16", "float32")  # how kernels are stored
+PRECISIONS = ("float32", "int8")  # how the image network computes
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,8 @@ def export_checkpoint(
     trained: bool | None = None,
     threads: int = 2,
     point_head_onnx: bool = False,
+    precision: str = "float32",
+    int8: Settings | None = None,
 ) -> Export:
     """Write the bundle of a checkpoint to `out` and compare the two; a bundle that disagrees is not kept.
 
@@ -74,11 +80,17 @@ def export_checkpoint(
     height, width: of the range image to export for; None: those of the checkpoint (published ones: 64 x 2048).
     trained: whether the weights are; None: what the checkpoint says.
     point_head_onnx: write the point head as an ONNX graph too, for execution providers on a GPU.
+    precision: "int8" writes the image network in 8-bit integers too, beside the float one; int8: how, see
+        `export.int8.quantise`, which raises QuantisationError, SequenceError or ScanError.
 
     Raises CheckpointError, ParityError, SettingError, BundleError (`out` is something else) or OutputError.
     """
-    if weights is not None and weights not in PRECISIONS:
-        raise SettingError(f"weights must be stored as {' or '.join(PRECISIONS)}, not {weights!r}")
+    if weights is not None and weights not in STORED:
+        raise SettingError(f"weights must be stored as {' or '.join(STORED)}, not {weights!r}")
+    if precision not in PRECISIONS:
+        raise SettingError(f"precision must be {' or '.join(PRECISIONS)}, not {precision!r}")
+    if int8 is not None and precision != "int8":
+        raise SettingError("calibration belongs to --precision int8")
     source = understand(read_tensors(checkpoint), checkpoint, network)
     source = replace(source, trained=source.trained if trained is None else trained)
     sensor = source.config.sensor
@@ -86,16 +98,18 @@ def export_checkpoint(
     source = replace(source, config=replace(source.config, sensor=sensor))
     if point_head_onnx and source.point_head is None:
         raise SettingError(f"{checkpoint}: has no point head to write as {POINT_HEAD_ONNX}")
-    precision = weights or ("float16" if source.kind == "checkpoint of lidar-mos" else "float32")
-    if precision == "float16":
+    stored = weights or ("float16" if source.kind == "checkpoint of lidar-mos" else "float32")
+    if stored == "float16":
         rounded_to_half(source.image_net, f"{checkpoint}: image network")
         if source.point_head is not None:
             rounded_to_half(source.point_head, f"{checkpoint}: point head")
     with replacing(out) as folder:
-        _write_networks(folder, source, precision, point_head_onnx)
-        manifest = _manifest(folder, source, precision, checkpoint)
+        _write_networks(folder, source, stored, point_head_onnx)
+        manifest = _manifest(folder, source, stored, checkpoint)
         write_manifest(folder, manifest)
         parity = check_parity(load_bundle(folder), source.image_net, source.point_head, threads)
+        if precision == "int8":
+            manifest = _with_int8(folder, source, manifest, int8 or Settings(threads=threads))
         write_manifest(folder, replace(manifest, parity=parity.to_manifest()))
     return Export(source, load_bundle(out), parity)
 
@@ -117,6 +131,23 @@ def _write_networks(folder: Path, source: Source, precision: str, point_head_onn
         if point_head_onnx:
             arrays = head_arrays(source.point_head, config.point_head, half)
             (folder / POINT_HEAD_ONNX).write_bytes(head_bytes(arrays, config.point_head))
+
+
+def _with_int8(folder: Path, source: Source, manifest: Manifest, settings: Settings) -> Manifest:
+    """Write the image network in integers; the manifest with it."""
+    done = quantise(
+        _Outputs(source.image_net),
+        (folder / IMAGE_NET).read_bytes(),
+        manifest.sensor,
+        manifest.residual,
+        manifest.decision.threshold,
+        source.trained,
+        settings,
+    )
+    path = folder / IMAGE_NET_INT8
+    path.write_bytes(done.model)
+    files = {**manifest.files, path.name: file_entry(path, "int8")}
+    return replace(manifest, files=files, accuracy={**manifest.accuracy, "int8": done.record})
 
 
 def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) -> Manifest:
@@ -196,6 +227,15 @@ def export_command(
     point_head_onnx: Annotated[
         bool, typer.Option("--point-head-onnx", help="Write the point head as an ONNX graph too, for GPUs.")
     ] = False,
+    precision: Annotated[
+        str, typer.Option(help="float32, or int8: the image network in 8-bit integers too, calibrated and judged.")
+    ] = "float32",
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            help="Own sequence for the ranges of int8, as mos run reads it.", show_default="simulated streets"
+        ),
+    ] = None,
     threads: Annotated[int, typer.Option(min=1, help="Threads of the comparison.")] = 2,
 ) -> None:
     """Turn a checkpoint into a bundle, and compare the two on a simulated scan."""
@@ -213,6 +253,8 @@ def export_command(
         False if untrained else None,
         threads,
         point_head_onnx,
+        precision,
+        None if calibration is None and precision != "int8" else Settings(calibration=calibration, threads=threads),
     )
     show(done, checkpoint)
 
@@ -229,10 +271,20 @@ def show(done: Export, checkpoint: Path) -> None:
     head = "" if parity.point_head is None else f", point head {parity.point_head:.1e}"
     head += "" if parity.point_head_onnx is None else f", as ONNX graph {parity.point_head_onnx:.1e}"
     typer.echo(f"parity   image network {parity.image_net:.1e}{head} (largest difference of a probability)")
+    if IMAGE_NET_INT8 in files:
+        typer.echo(f"int8     {_words(bundle.manifest.accuracy['int8'])}")
     for name, entry in files.items():
         typer.echo(f"wrote    {bundle.path / name}: {entry.bytes / 1e6:.2f} MB, kernels in {entry.precision}")
     if not source.trained:
         typer.echo("note     the weights are not trained: for tests only")
+
+
+def _words(record: Mapping[str, Any]) -> str:
+    """What an INT8 export measured."""
+    iou = f"IoU {record['iou_float']:.2f} % to {record['iou_int8']:.2f} %, " if "iou_int8" in record else ""
+    floats = ", ".join(record["float_layers"]) or "none"
+    difference = f"mean difference of a probability {record['probability_difference']:.1e}"
+    return f"{iou}{difference}, layers left in float: {floats}"
 
 
 def main(arguments: list[str] | None = None) -> int:

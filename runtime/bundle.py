@@ -81,10 +81,13 @@ class Bundle:
     manifest: Manifest
 
     def image_net(self, precision: str = "auto") -> Path:
-        """The ONNX file of a precision: "float32", "int8", or "auto": INT8 where the bundle has it."""
+        """The ONNX file of a precision: "float32", "int8", or "auto": float where the bundle has it.
+
+        What suits the processor, `runtime.precision.choose_precision` says.
+        """
         available = {"float32": IMAGE_NET, "int8": IMAGE_NET_INT8}
         available = {key: name for key, name in available.items() if name in self.manifest.files}
-        wanted = precision if precision != "auto" else ("int8" if "int8" in available else "float32")
+        wanted = precision if precision != "auto" else next(iter(available))
         if wanted not in available:
             raise BundleError(
                 f"{self.path}: has no image network of precision {precision!r}, only {', '.join(available)}"

@@ -37,6 +37,10 @@ class ParityError(MosError, ArithmeticError):
     """An exported bundle does not compute what its checkpoint computes."""
 
 
+class QuantisationError(MosError, ArithmeticError):
+    """A network in 8-bit integers loses more accuracy than it may."""
+
+
 class ProviderError(MosError, RuntimeError):
     """An execution provider that was asked for is not available."""
 

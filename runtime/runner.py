@@ -23,6 +23,7 @@ from runtime.jit import is_cached
 from runtime.knn import MOVING, knn_vote
 from runtime.onnx_head import choose_head
 from runtime.poses import check_pose
+from runtime.precision import choose_precision
 from runtime.projection import project_scan
 from runtime.refinement import FeatureMap, PointHead
 from runtime.scans import as_scan
@@ -73,7 +74,8 @@ class MosRunner:
         refine: the point head looks "near" points that may move (the others keep their pixel's result), or at "all".
         head_engine: of the point head: "numba" on the processor, "onnx" on `providers`; "auto": "onnx" on a GPU's
             provider where the bundle has `point_head.onnx`, else "numba".
-        precision: of the image network: "float32", "int8", or "auto": INT8 where the bundle has it.
+        precision: of the image network: "float32", "int8", or "auto": INT8 where the bundle has it and the processor
+            gains from it (`runtime.precision`); what was chosen is logged and in the attribute `precision`.
         providers, allow_fallback, session_options: see `runtime.image_net.open_session`.
 
         Raises BundleError, ProviderError or SettingError.
@@ -93,9 +95,12 @@ class MosRunner:
             raise SettingError(f"bundle {manifest.name!r} has no point head: choose postprocess 'knn' or 'none'")
         self.refine = refine
         self._inputs = InputBuilder(manifest.sensor, manifest.residual, self.workers)
+        names = [provider_name(given) for given in providers or ()]
+        self.precision, reason = choose_precision(self.bundle, precision, names)
+        log.info("image network in %s: %s", self.precision, reason)
         self._image_net = ImageNet.of(
             self.bundle,
-            precision=precision,
+            precision=self.precision,
             threads=threads,
             providers=providers,
             allow_fallback=allow_fallback,

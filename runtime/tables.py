@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from runtime.finding import Finding, percent
+from runtime.precision import choose_precision
 
 if TYPE_CHECKING:
     from runtime.bundle import Bundle
@@ -107,6 +108,7 @@ def show_bundle(bundle: "Bundle") -> None:
         "decision": f"pixels: {_decision(decision.threshold)}; point head: {_decision(decision.head_threshold)}",
         "postprocess": f"{manifest.postprocess} unless told otherwise",
         **{name: f"{entry.bytes / 1e6:.2f} MB, {entry.precision}" for name, entry in manifest.files.items()},
+        "precision": "image network in {}: {}".format(*choose_precision(bundle, "auto", [])),
         "parity": _words(manifest.parity) or "not measured",
         "accuracy": _words(manifest.accuracy) or "not measured",
         "weights": _words(manifest.weights) or "unknown",

@@ -1,0 +1,57 @@
+"""The image network in integers: from the PyTorch module and calibration images to an ONNX model."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from torch import nn
+
+from export.calibration import find_ranges, mean_leaks
+from export.channels_last import integer_operations
+from export.graph import Graph, to_model
+from export.integer_blocks import with_integer_forms
+from export.layout import means_to_pools, shuffle_blocks, spread_factors
+from export.quantise import integer_values, layers, quantised, roots
+from export.rewrite import fold_norms
+from export.shifts import carry_shifts, to_relu
+from export.tracing import trace
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A network that is ready to be written in integers."""
+
+    graph: Graph  # rewritten, in float
+    layers: dict[str, list[str]]  # convolutions that may compute in integers (names of outputs), by layer
+    ranges: dict[str, tuple[float, float]]  # of every value that may become integers
+
+    def pairs(self, floats: Collection[str] = ()) -> Graph:
+        """The graph with Quantize and Dequantize pairs; `floats` are layers that stay in float."""
+        chosen = {output for layer, outputs in self.layers.items() if layer not in floats for output in outputs}
+        return quantised(self.graph, chosen, self.ranges)
+
+    def model(self, floats: Collection[str] = ()) -> bytes:
+        """The ONNX model in integer operations; `floats` are layers that stay in float."""
+        return to_model(integer_operations(self.pairs(floats))).SerializeToString(deterministic=True)
+
+
+def prepare(network: nn.Module, shape: tuple[int, ...], images: Sequence[np.ndarray], exact_below: int) -> Prepared:
+    """Rewrite `network` for integers and find the ranges of its values on `images` (each of `shape`).
+
+    exact_below: rows under which shifts are exact at the border, see `export.shifts.carry_shifts`.
+    """
+    graph = trace(with_integer_forms(network), shape)
+    names = {node.output: node.inputs[1] for node in graph.nodes if node.op == "Conv"}
+    to_relu(graph, mean_leaks(graph, images))
+    fold_norms(graph)
+    carry_shifts(graph, exact_below)
+    means_to_pools(graph)
+    spread_factors(graph)
+    shuffle_blocks(graph)
+    chosen = layers(graph)
+    found: dict[str, list[str]] = {}
+    for output in chosen:
+        layer = names[output].removeprefix("network.").removesuffix(".weight")
+        found.setdefault(layer, []).append(output)
+    values = integer_values(graph, chosen)
+    return Prepared(graph, found, find_ranges(graph, {*values, *roots(graph, values).values()}, images))

@@ -1,0 +1,77 @@
+"""Rewriting for the integer graph, whose maps have the channels last: pixel shuffles and factors of whole channels."""
+
+import numpy as np
+
+from export.graph import Graph, Node
+
+PASSING = ("Relu", "LeakyRelu")
+
+
+def means_to_pools(graph: Graph) -> None:
+    """Let means over whole maps be pools, which there are for integers."""
+    for node in graph.nodes:
+        if node.op == "ReduceMean" and node.attributes.get("axes") == [2, 3] and node.attributes.get("keepdims"):
+            node.op, node.attributes = "GlobalAveragePool", {}
+
+
+def spread_factors(graph: Graph) -> None:
+    """Repeat a factor (1, C, 1, 1) over a row before it meets a map: met pixel by pixel it takes four times as long."""
+    for node in list(graph.nodes):
+        if node.op != "Mul" or len(graph.shapes[node.output]) != 4 or node.inputs[1] in graph.weights:
+            continue
+        channels, width = graph.shapes[node.output][1], graph.shapes[node.output][3]
+        if graph.shapes[node.inputs[1]] == (1, channels, 1, 1) and width != 1:
+            shape = (1, channels, 1, width)
+            row = graph.new_name("expand", shape)
+            size = graph.weight("integers", np.asarray(shape, np.int64))
+            graph.nodes.insert(graph.nodes.index(node), Node("Expand", [node.inputs[1], size], row))
+            node.inputs = [node.inputs[0], row]
+
+
+def shuffle_blocks(graph: Graph) -> None:
+    """Let pixel shuffles move runs of channels instead of single ones.
+
+    The channels that become one pixel lie c apart in torch's order; the convolutions before are put in the order in
+    which they lie together. Shuffles that other nodes look into stay as they are.
+    """
+    for node in list(graph.nodes):
+        if node.op != "DepthToSpace" or node.attributes["mode"] != "CRD":
+            continue
+        channels = graph.shapes[node.inputs[0]][1]
+        size = node.attributes["blocksize"]
+        c = channels // size**2
+        order = np.arange(channels).reshape(c, size * size).T.reshape(-1)
+        makers = _makers(graph, node.inputs[0])
+        if makers is None:
+            continue
+        for maker in makers:
+            _reorder(graph, maker, order)
+        node.attributes = node.attributes | {"mode": "DCR"}
+    graph.sweep()
+
+
+def _makers(graph: Graph, name: str) -> list[Node] | None:
+    """Nodes with weights for every channel whose order decides that of `name`; None where others look at it too."""
+    node = graph.producer(name)
+    if node is None or len(graph.consumers(name)) != 1 or name in graph.outputs:
+        return None
+    if node.op == "Conv" and node.attributes["group"] == 1:
+        return [node]
+    if node.op in PASSING:
+        return _makers(graph, node.inputs[0])
+    if node.op == "Add" and node.inputs[1] in graph.weights:
+        before = _makers(graph, node.inputs[0])
+        return None if before is None else [*before, node]
+    if node.op == "Add":
+        parts = [_makers(graph, part) for part in node.inputs]
+        return None if None in parts else [maker for part in parts for maker in part or []]
+    return None
+
+
+def _reorder(graph: Graph, node: Node, order: np.ndarray) -> None:
+    names = node.inputs[1:]
+    axis = 0 if node.op == "Conv" else 1
+    node.inputs = [node.inputs[0]]
+    for name in names:
+        values = graph.weights[name].folded().take(order, axis=axis)
+        node.inputs.append(graph.weight(name, values))

@@ -1,0 +1,146 @@
+"""Rewriting for the integer graph: BatchNorm after the activation leaves the convolution's output.
+
+A block of the paper computes s * leaky(conv(x)) + b. A positive s goes into the convolution, for leaky(s x) =
+s leaky(x). What leaky lets through below zero is small (a hundredth): its mean over the calibration scans joins b, the
+rest is dropped, so that the activation is a ReLU, which an integer convolution does by itself. What remains of the
+BatchNorm is a shift of every channel, which this module carries forward to where it costs nothing.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from export.graph import Graph, Node
+
+WHOLE = 1 << 30  # rows: of no image
+
+
+def leaky_convolutions(graph: Graph) -> list[Node]:
+    """The LeakyRelu nodes that stand directly behind a convolution which nothing else reads."""
+    found = []
+    for node in graph.nodes:
+        conv = graph.producer(node.inputs[0]) if node.op == "LeakyRelu" else None
+        if conv is not None and conv.op == "Conv" and len(graph.consumers(conv.output)) == 1:
+            found.append(node)
+    return found
+
+
+def to_relu(graph: Graph, leaks: Mapping[str, np.ndarray]) -> None:
+    """Turn conv -> LeakyRelu -> BatchNorm into conv -> Relu -> shift.
+
+    leaks: mean (C,) of what each LeakyRelu lets through below zero, by the name of its output.
+    """
+    for node in leaky_convolutions(graph):
+        conv = graph.producer(node.inputs[0])
+        assert conv is not None
+        followers = graph.consumers(node.output)
+        norm = followers[0] if len(followers) == 1 and followers[0].op == "BatchNormalization" else None
+        scale, shift = np.ones(graph.shapes[conv.output][1]), np.zeros(graph.shapes[conv.output][1])
+        if norm is not None:
+            scale, shift = (graph.weights[name].values.astype(np.float64) for name in norm.inputs[1:3])
+        size = np.abs(scale)
+        kernel = graph.weights[conv.inputs[1]].folded() * size[:, None, None, None]
+        set_convolution(graph, conv, kernel, bias_of(graph, conv) * size)
+        last = norm or node
+        result = graph.new_name("relu", graph.shapes[last.output])
+        tail = [Node("Relu", [conv.output], result)]
+        if (scale < 0).any():
+            signed = graph.new_name("sign", graph.shapes[last.output])
+            tail.append(Node("Mul", [result, _constant(graph, np.sign(scale))], signed))
+            result = signed
+        tail.append(Node("Add", [result, _constant(graph, shift + scale * leaks[node.output])], last.output))
+        at = graph.nodes.index(node)
+        graph.nodes[at : at + 1] = tail
+        if norm is not None:
+            graph.nodes.remove(norm)
+    graph.sweep()
+
+
+def carry_shifts(graph: Graph, exact_below: int = WHOLE) -> None:
+    """Move every shift forward: through sums, concatenations and pools, into the bias of convolutions.
+
+    A convolution that pads with zeros would need the shift beyond the border too. On images of fewer than `exact_below`
+    rows the shift stays in front of it; on larger ones the border pixels see the shift where zeros should be.
+    """
+    moved = True
+    while moved:
+        moved = any(_carry(graph, node, exact_below) for node in list(graph.nodes) if shift_of(graph, node) is not None)
+        graph.sweep()
+
+
+def shift_of(graph: Graph, node: Node) -> np.ndarray | None:
+    """The constant (C,) that a node adds to every channel; None if it does not."""
+    if node.op != "Add" or node.inputs[1] not in graph.weights:
+        return None
+    values = graph.weights[node.inputs[1]].values
+    return values.reshape(-1).astype(np.float64) if values.ndim == 4 and values.shape[2:] == (1, 1) else None
+
+
+def _carry(graph: Graph, node: Node, exact_below: int) -> bool:
+    shift = shift_of(graph, node)
+    assert shift is not None
+    before, after = node.inputs[0], node.output
+    consumers = graph.consumers(after)
+    if not shift.any():
+        if after in graph.outputs:
+            return False
+        graph.replace(after, before)
+        return True
+    free = [c for c in consumers if c.op == "Conv" and c.attributes["group"] == 1 and not any(c.attributes["pads"])]
+    if after not in graph.outputs and all(_carriable(graph, c, exact_below) for c in consumers):
+        free = consumers
+    for consumer in free:
+        _pass(graph, consumer, before, after, shift)
+    return bool(free)
+
+
+def _carriable(graph: Graph, node: Node, exact_below: int) -> bool:
+    """Whether a shift of every channel can stand behind `node` (or in its bias) instead of before it."""
+    rows = graph.shapes[node.output][2] if len(graph.shapes[node.output]) == 4 else 0
+    if node.op == "Conv":
+        unpadded = not any(node.attributes["pads"])
+        return node.attributes["group"] == 1 and (unpadded or int(rows) >= exact_below)
+    if node.op == "Mul":
+        return node.inputs[1] in graph.weights
+    if node.op == "AveragePool":
+        return not any(node.attributes["pads"])
+    return node.op in ("Add", "Concat", "SoftPool") and node.output not in graph.outputs
+
+
+def _pass(graph: Graph, node: Node, before: str, after: str, shift: np.ndarray) -> None:
+    """Let `node` take `before` for `after` (= before + shift), and put right what it computes."""
+    if node.op == "Conv":
+        kernel = graph.weights[node.inputs[1]].folded()
+        bias = bias_of(graph, node) + np.einsum("oihw,i->o", kernel.astype(np.float64), shift)
+        node.inputs = [before, node.inputs[1], graph.weight(f"{node.output}.bias", np.float32(bias))]
+        return
+    if (own := shift_of(graph, node)) is not None:
+        node.inputs = [before, _constant(graph, own + shift)]
+        return
+    if node.op == "Concat":
+        parts = [shift if name == after else np.zeros(graph.shapes[name][1]) for name in node.inputs]
+        shift = np.concatenate(parts)
+    elif node.op == "Mul":
+        shift = shift * graph.weights[node.inputs[1]].values.reshape(-1)
+    elif node.op == "Add":
+        shift = shift * node.inputs.count(after)
+    node.inputs = [before if name == after else name for name in node.inputs]
+    result, node.output = node.output, graph.new_name(node.op, graph.shapes[node.output])
+    graph.nodes.insert(graph.nodes.index(node) + 1, Node("Add", [node.output, _constant(graph, shift)], result))
+
+
+def _constant(graph: Graph, values: np.ndarray) -> str:
+    return graph.weight("shift", np.float32(values)[None, :, None, None])
+
+
+def bias_of(graph: Graph, conv: Node) -> np.ndarray:
+    """(C,) f64 bias of a convolution, zeros where it has none."""
+    if len(conv.inputs) > 2:
+        return graph.weights[conv.inputs[2]].values.astype(np.float64)
+    return np.zeros(graph.shapes[conv.output][1])
+
+
+def set_convolution(graph: Graph, conv: Node, kernel: np.ndarray, bias: np.ndarray) -> None:
+    """Give a convolution another kernel and bias."""
+    name = graph.weight(f"{conv.output}.kernel", np.float32(kernel))
+    conv.inputs = [conv.inputs[0], name, graph.weight(f"{conv.output}.bias", np.float32(bias))]

@@ -1,0 +1,222 @@
+"""Integers of the INT8 graph: what they are, that they cannot overflow, and that rewriting keeps the numbers."""
+
+import dataclasses
+
+import numpy as np
+import onnxruntime as ort
+import pytest
+import torch
+from torch import nn
+
+from export import calibration
+from export.channels_last import integer_operations
+from export.graph import Graph, to_model
+from export.integer_net import prepare
+from export.quantise import LARGEST, Params, kernel_integers, quantised
+from export.shifts import carry_shifts, to_relu
+from export.to_onnx import _Outputs
+from export.tracing import trace
+from mos_model.config import named_config
+from mos_model.network import ImageOutput, build_image_network
+from tests.export.models import randomise
+
+SHAPE = (1, 13, 32, 64)
+
+
+def run(graph, image, names=None):
+    model = graph if isinstance(graph, bytes) else to_model(graph).SerializeToString()
+    return ort.InferenceSession(model, providers=["CPUExecutionProvider"]).run(names, {"image": image})
+
+
+def image(seed=0, shape=SHAPE):
+    return np.random.default_rng(seed).normal(size=shape).astype(np.float32)
+
+
+def network(name="v1", channels=4):
+    torch.manual_seed(0)
+    net = randomise(build_image_network(named_config(name, channels)))
+    for part in net.modules():
+        if isinstance(part, nn.BatchNorm2d):
+            part.weight.data.abs_()
+    return _Outputs(net)
+
+
+@pytest.fixture(scope="module")
+def prepared():
+    return prepare(network(), SHAPE, [image()], exact_below=64)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0, 5), (-3, 5), (-7, 0), (2, 6), (0, 0)])
+def test_zero_is_met_exactly_and_values_within_half_a_step(low, high):
+    params = Params.of(low, high)
+    assert 0 <= params.zero <= 255
+    assert params.to_integers(np.zeros(1))[0] == params.zero
+    values = np.linspace(low, high, 1000)
+    back = (params.to_integers(values).astype(float) - params.zero) * params.scale
+    np.testing.assert_allclose(back, values, atol=params.scale * 0.501 + 1e-5, rtol=0)
+
+
+def test_kernels_have_seven_bits_and_a_scale_for_each_output():
+    kernel = np.random.default_rng(0).normal(size=(6, 3, 3, 3)) * np.logspace(-3, 3, 6)[:, None, None, None]
+    kernel[2] = 0
+    integers, scale = kernel_integers(kernel)
+    assert integers.dtype == np.int8
+    assert np.abs(integers).max() == LARGEST
+    back = integers * scale[:, None, None, None]
+    assert (np.abs(back - kernel).reshape(6, -1).max(1) <= scale * 0.501).all()
+    assert 2 * 255 * LARGEST < 2**15  # two products in the 16-bit sum of processors without VNNI
+
+
+def extreme_graph():
+    """A convolution whose inputs and weights are all as large as they can be: graph, and its float result."""
+    graph = Graph(inputs=["image"], shapes={"image": (1, 32, 4, 16)})
+    graph.add("Relu", ["image"], (1, 32, 4, 16))
+    kernel = np.where(np.arange(16)[:, None, None, None] % 2, -1.0, 1.0) * np.ones((16, 32, 3, 3), np.float32)
+    names = ["relu_1", graph.weight("kernel", np.float32(kernel))]
+    pads = {"kernel_shape": [3, 3], "strides": [1, 1], "pads": [1, 1, 1, 1], "dilations": [1, 1], "group": 1}
+    graph.finish(graph.add("Conv", names, (1, 16, 4, 16), **pads), "sum")
+    return graph
+
+
+def test_the_largest_sums_do_not_saturate():
+    """255 * 64 twice in a row, with either sign: with 8-bit kernels AVX2 would cut the sums off."""
+    graph = extreme_graph()
+    ranges = {"relu_1": (0.0, 1.0), "sum": (-288.0, 288.0)}
+    pairs = quantised(graph, ["sum"], ranges)
+    ones = np.ones((1, 32, 4, 16), np.float32)
+    want = run(graph, ones)[0]
+    step = Params.of(-288, 288).scale
+    for made in (pairs, integer_operations(pairs)):
+        np.testing.assert_allclose(run(made, ones)[0], want, atol=0.51 * step)
+
+
+def test_integers_are_those_of_a_numpy_reference():
+    """One 3x3 convolution with bias and ReLU: x, kernel and sum as integers, then rounded once."""
+    rng = np.random.default_rng(3)
+    graph = Graph(inputs=["image"], shapes={"image": (1, 4, 6, 8)})
+    graph.add("Relu", ["image"], (1, 4, 6, 8))
+    kernel, bias = rng.normal(size=(5, 4, 3, 3)).astype(np.float32), rng.normal(size=5).astype(np.float32)
+    names = ["relu_1", graph.weight("kernel", kernel), graph.weight("bias", bias)]
+    settings = {"kernel_shape": [3, 3], "strides": [1, 1], "pads": [1, 1, 1, 1], "dilations": [1, 1], "group": 1}
+    conv = graph.add("Conv", names, (1, 5, 6, 8), **settings)
+    graph.finish(graph.add("Relu", [conv], (1, 5, 6, 8)), "result")
+    ranges = {"relu_1": (0.0, 3.0), "result": (0.0, 9.0), conv: (-9.0, 9.0)}
+    x = rng.uniform(0, 3, (1, 4, 6, 8)).astype(np.float32)
+
+    inner, outer = Params.of(0, 3), Params.of(0, 9)
+    integers, scale = kernel_integers(kernel)
+    padded = np.pad(inner.to_integers(x).astype(np.int64), ((0, 0), (0, 0), (1, 1), (1, 1)))
+    steps = scale * inner.scale
+    sums = np.rint(bias / steps).astype(np.int64)[:, None, None] * np.ones((5, 6, 8), np.int64)
+    for i in range(3):
+        for j in range(3):
+            window = padded[0, :, i : i + 6, j : j + 8]
+            sums += np.einsum("oc,chw->ohw", integers[:, :, i, j].astype(np.int64), window)
+    want = np.clip(np.rint(sums * steps[:, None, None] / outer.scale), 0, 255) * outer.scale
+
+    got = run(integer_operations(quantised(graph, [conv], ranges)), x)[0][0]
+    assert np.mean(np.abs(got - want) > outer.scale / 2) < 0.01  # a tie may fall to either side
+    np.testing.assert_allclose(got, want, atol=outer.scale * 1.01)
+
+
+@pytest.mark.parametrize("name", ["v1", "rt", "lmnet"])
+def test_integer_operations_give_the_integers_of_the_pairs(name):
+    made = prepare(network(name, 16 if name == "rt" else 4), SHAPE, [image()], exact_below=64)
+    want, got = run(made.pairs(), image(1)), run(made.model(), image(1))
+    for a, b in zip(got, want, strict=True):
+        np.testing.assert_allclose(a, b, atol=2e-2 * np.abs(b).max())
+        assert np.abs(a - b).mean() < 1e-3 * np.abs(b).max()
+
+
+def test_int8_stays_near_float(prepared):
+    want = run(to_model(calibration._floating(trace(network(), SHAPE))).SerializeToString(), image(), ["probabilities"])
+    got = run(prepared.model(), image(), ["probabilities"])
+    assert 1e-7 < np.abs(got[0] - want[0]).mean() < 0.01
+
+
+def test_layers_left_in_float_are_float(prepared):
+    layer = "resBlock1.conv2"
+    kernels = {node.op for node in prepared.pairs([layer]).nodes}
+    every = [node for node in prepared.pairs().nodes if node.op == "DequantizeLinear" and "axis" in node.attributes]
+    fewer = [
+        node for node in prepared.pairs([layer]).nodes if node.op == "DequantizeLinear" and "axis" in node.attributes
+    ]
+    assert len(every) - len(fewer) == 2  # kernel and bias
+    assert "Conv" in kernels
+    run(prepared.model([layer]), image())
+
+
+def test_first_last_and_meta_kernel_geometry_stay_in_float(prepared):
+    assert "logits3" not in prepared.layers
+    assert "downCntx.conv1" not in prepared.layers
+    assert not any("near" in layer for layer in prepared.layers)
+    assert {"downCntx.conv2", "metaConv.conv2", "upBlock4.conv4"} <= set(prepared.layers)
+
+
+def test_the_same_network_gives_the_same_bytes(prepared):
+    again = prepare(network(), SHAPE, [image()], exact_below=64)
+    assert prepared.model() == again.model()
+
+
+class Block(nn.Module):
+    """Two padded convolutions with LeakyReLU before BatchNorm, joined and read by a 1x1."""
+
+    def __init__(self):
+        super().__init__()
+        self.a, self.b = nn.Conv2d(3, 4, 3, padding=1), nn.Conv2d(4, 4, 3, padding=2, dilation=2)
+        self.na, self.nb = nn.BatchNorm2d(4), nn.BatchNorm2d(4)
+        self.join, self.features = nn.Conv2d(8, 3, 1), nn.Conv2d(8, 2, 1)
+
+    def forward(self, x):
+        a = self.na(nn.functional.leaky_relu(self.a(x), 0.0))
+        b = self.nb(nn.functional.leaky_relu(self.b(a), 0.0))
+        joined = torch.cat((a, b), 1)
+        return ImageOutput(self.join(joined), self.features(joined))
+
+
+@pytest.mark.parametrize("negative", [False, True])
+@pytest.mark.parametrize("exact_below", [0, 64])
+def test_carried_shifts_change_nothing_but_the_border(exact_below, negative):
+    torch.manual_seed(1)
+    block = randomise(Block())
+    for norm in (block.na, block.nb):
+        norm.weight.data.abs_()
+        if negative:
+            norm.weight.data[1] *= -1
+    shape = (1, 3, 12, 16)
+    graph = trace(_Outputs(block), shape)
+    leaks = {node.output: np.zeros(4) for node in graph.nodes if node.op == "LeakyRelu"}
+    want = run(graph, image(0, shape))
+    to_relu(graph, leaks)
+    carry_shifts(graph, exact_below)
+    assert not any(node.op in ("BatchNormalization", "LeakyRelu") for node in graph.nodes)
+    for a, b in zip(run(graph, image(0, shape)), want, strict=True):
+        inner = (..., slice(2, -2), slice(2, -2))
+        np.testing.assert_allclose(a[inner], b[inner], atol=1e-5)
+        if exact_below:
+            np.testing.assert_allclose(a, b, atol=1e-5)
+        else:
+            assert np.abs(a - b).max() > 1e-3  # the border sees shifts where zeros were
+
+
+def test_the_mean_of_what_leaks_is_kept():
+    torch.manual_seed(0)
+    net = network("lmnet")
+    graph = trace(net, SHAPE)
+    leaks = calibration.mean_leaks(graph, [image()])
+    assert leaks
+    assert all((leak <= 0).all() for leak in leaks.values())
+    assert any((leak < -1e-4).any() for leak in leaks.values())
+    name, leak = next(iter(leaks.items()))
+    probe = dataclasses.replace(graph, outputs=[name])
+    np.testing.assert_allclose(np.minimum(run(probe, image())[0], 0).mean((0, 2, 3)), leak, atol=1e-6)
+
+
+def test_ranges_cut_rare_large_values_and_hold_zero():
+    values = np.abs(np.random.default_rng(0).normal(size=16000))
+    values[7] = 10
+    low, high = calibration.best_range(values)
+    assert low == 0
+    assert 2 < high < 10
+    assert calibration.best_range(np.linspace(-1, 1, 1000)) == (-1.0, 1.0)
+    assert calibration.best_range(np.zeros(10)) == (0.0, 0.0)
