@@ -48,7 +48,7 @@ class Export:
     parity: Parity
 
 
-class _Outputs(nn.Module):
+class Outputs(nn.Module):
     """The image network with what a bundle gives: probabilities and features."""
 
     def __init__(self, network: nn.Module) -> None:
@@ -116,7 +116,7 @@ def export_checkpoint(
 
 def onnx_bytes(network: nn.Module, shape: tuple[int, ...]) -> bytes:
     """The ONNX model of an image network for an image of `shape` (1, channels, H, W)."""
-    graph = trace(with_blocked_forms(_Outputs(network)), shape)
+    graph = trace(with_blocked_forms(Outputs(network)), shape)
     fold_norms(graph)
     return to_model(graph).SerializeToString(deterministic=True)
 
@@ -136,7 +136,7 @@ def _write_networks(folder: Path, source: Source, precision: str, point_head_onn
 def _with_int8(folder: Path, source: Source, manifest: Manifest, settings: Settings) -> Manifest:
     """Write the image network in integers; the manifest with it."""
     done = quantise(
-        _Outputs(source.image_net),
+        Outputs(source.image_net),
         (folder / IMAGE_NET).read_bytes(),
         manifest.sensor,
         manifest.residual,
