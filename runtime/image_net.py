@@ -15,6 +15,10 @@ from runtime.errors import BundleError, InferenceError, MosWarning, ProviderErro
 Provider = str | tuple[str, dict[str, Any]]
 
 CPU = "CPUExecutionProvider"
+SESSION_OPTIONS = {
+    "session.intra_op.allow_spinning": "0",  # spinning threads starve the other kernels
+    "session.disable_quant_qdq": "1",  # the INT8 graph has its integer operations; the search would only copy work
+}
 PACKAGES = {  # what brings a provider
     "CUDAExecutionProvider": "onnxruntime-gpu",
     "TensorrtExecutionProvider": "onnxruntime-gpu",
@@ -107,7 +111,7 @@ def open_session(
     options.enable_mem_pattern = False  # its one large block would come on top of the arena's: half the memory
     options.log_severity_level = 3
     try:
-        for key, value in {"session.intra_op.allow_spinning": "0", **(session_options or {})}.items():
+        for key, value in {**SESSION_OPTIONS, **(session_options or {})}.items():
             options.add_session_config_entry(key, value)
     except Exception as error:
         raise SettingError(f"session option {key}={value!r} is refused by ONNX Runtime: {error}") from error
