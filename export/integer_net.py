@@ -1,5 +1,6 @@
 """The image network in integers: from the PyTorch module and calibration images to an ONNX model."""
 
+import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -51,7 +52,8 @@ def prepare(network: nn.Module, shape: tuple[int, ...], images: Sequence[np.ndar
     chosen = layers(graph)
     found: dict[str, list[str]] = {}
     for output in chosen:
-        layer = names[output].removeprefix("network.").removesuffix(".weight")
+        name = re.sub(r"_\d+$", "", names[output])  # that of a weight which several nodes take is numbered
+        layer = name.removeprefix("network.").removesuffix(".weight")
         found.setdefault(layer, []).append(output)
     values = integer_values(graph, chosen)
     return Prepared(graph, found, find_ranges(graph, {*values, *roots(graph, values).values()}, images))

@@ -15,9 +15,13 @@ from runtime.errors import BundleError, InferenceError, MosWarning, ProviderErro
 Provider = str | tuple[str, dict[str, Any]]
 
 CPU = "CPUExecutionProvider"
-# Threads wait for their next piece of a run without sleeping, but not after the run, where they would starve the other
-# kernels. With "rt" and 2 threads, 1, 2 and 12 % less time a scan than if they always sleep, in three runs.
-SPINNING = {"session.intra_op.allow_spinning": "1", "session.force_spinning_stop": "1"}
+SESSION_OPTIONS = {
+    # Threads wait for their next piece of a run without sleeping, but not after the run, where they would starve the
+    # other kernels. With "rt" and 2 threads 1, 2 and 12 % less time a scan than if they always sleep, in three runs.
+    "session.intra_op.allow_spinning": "1",
+    "session.force_spinning_stop": "1",
+    "session.disable_quant_qdq": "1",  # the INT8 graph has its integer operations; the search would only copy work
+}
 PACKAGES = {  # what brings a provider
     "CUDAExecutionProvider": "onnxruntime-gpu",
     "TensorrtExecutionProvider": "onnxruntime-gpu",
@@ -100,7 +104,7 @@ def open_session(
     providers: execution providers, the preferred first, each a name or (name, options); None: the CPU.
     allow_fallback: use the CPU, with a warning, where one of them is not available; else that is an error.
     session_options: entries for ONNX Runtime's session configuration, such as
-        {"session.intra_op.allow_spinning": "0"} (see `SPINNING` for what they are here).
+        {"session.intra_op.allow_spinning": "0"} (see `SESSION_OPTIONS` for what they are here).
 
     Raises ProviderError, SettingError for options that ONNX Runtime refuses, or BundleError for a broken file.
     """
@@ -111,7 +115,7 @@ def open_session(
     options.enable_mem_pattern = False  # its one large block would come on top of the arena's: half the memory
     options.log_severity_level = 3
     try:
-        for key, value in (SPINNING | dict(session_options or {})).items():
+        for key, value in {**SESSION_OPTIONS, **(session_options or {})}.items():
             options.add_session_config_entry(key, value)
     except Exception as error:
         raise SettingError(f"session option {key}={value!r} is refused by ONNX Runtime: {error}") from error

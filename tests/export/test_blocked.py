@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from export.blocked import BlockedMetaKernel, BlockedSoftPool, with_blocked_forms
+from export.integer_blocks import IntegerMetaKernel
 from mos_model.blocks import MetaKernel, SoftPool
 from mos_model.config import named_config
 from mos_model.network import build_image_network
@@ -19,11 +20,12 @@ def test_soft_pool(scale):
     torch.testing.assert_close(BlockedSoftPool()(x), SoftPool()(x), rtol=1e-6, atol=1e-6 * scale)
 
 
-def test_meta_kernel():
+@pytest.mark.parametrize("form", [BlockedMetaKernel, IntegerMetaKernel])
+def test_meta_kernel(form):
     torch.manual_seed(0)
     block = MetaKernel(6)
     x, features = torch.randn(2, 5, 8, 12), torch.randn(2, 6, 8, 12)
-    torch.testing.assert_close(BlockedMetaKernel(block)(x, features), block(x, features), rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(form(block)(x, features), block(x, features), rtol=1e-5, atol=1e-5)
 
 
 def test_a_network_is_copied_and_every_block_replaced():

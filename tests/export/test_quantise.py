@@ -150,7 +150,8 @@ def test_first_last_and_meta_kernel_geometry_stay_in_float(prepared):
     assert "logits3" not in prepared.layers
     assert "downCntx.conv1" not in prepared.layers
     assert not any("near" in layer for layer in prepared.layers)
-    assert {"downCntx.conv2", "metaConv.conv2", "upBlock4.conv4"} <= set(prepared.layers)
+    assert {"downCntx.conv2", "metaConv.conv2", "metaConv.rows", "upBlock4.conv4"} <= set(prepared.layers)
+    assert len(prepared.layers["metaConv.rows"]) == 3
 
 
 def test_the_same_network_gives_the_same_bytes(prepared):
