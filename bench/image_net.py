@@ -36,6 +36,7 @@ def compare(
     image = images[0][0] if int8 else np.random.default_rng(0).normal(0, 0.5, shape).astype(np.float32)
     tensor = torch.from_numpy(image[None])
     model_bytes = onnx_bytes(network, (1, *shape))
+    whole_bytes = prepare(Outputs(network), (1, *shape), images, EXACT_BELOW).model() if int8 else b""
     with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
         path = Path(folder) / "image_net.onnx"
         path.write_bytes(model_bytes)
@@ -51,7 +52,7 @@ def compare(
         differences["ONNX Runtime"] = float(np.abs(net.run(image)[0] - want).max())
         if int8:
             integers = Path(folder) / "image_net_int8.onnx"
-            integers.write_bytes(prepare(Outputs(network), (1, *shape), images, EXACT_BELOW).model())
+            integers.write_bytes(whole_bytes)
             whole = ImageNet(integers, threads=threads)
             tasks["ONNX Runtime INT8"] = lambda: whole.run(image)
             differences["ONNX Runtime INT8"] = float(np.abs(whole.run(image)[0] - want).max())
