@@ -85,7 +85,8 @@ def measure(row: Row, bundle: Path | None, folder: Path, threads: int, scans: in
     found = {stage: summary(stages[stage]) for stage in (*SHOWN, "total")}
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     manifest = runner.bundle.manifest
-    return {"ms": found, "peak_mb": round(peak), "network": manifest.name, "postprocess": runner.postprocess}
+    kind = {"network": manifest.name, "precision": runner.precision, "postprocess": runner.postprocess}
+    return {"ms": found, "peak_mb": round(peak), **kind}
 
 
 class Forced:
