@@ -109,8 +109,11 @@ class _Lowering:
             rest[0] = rest[0].reshape(2, 4)[:, TO_LAST].reshape(-1)
         else:
             rest[1] = rest[1][TO_LAST]
-        names = ["" if values is None else self.new.weight("settings", values) for values in rest]
+        names = ["" if values is None else self._setting(values) for values in rest]
         self._add_last(node.output, node.op, [x, *names], node.attributes)
+
+    def _setting(self, values: np.ndarray) -> str:
+        return self.new.number("setting", values[()]) if values.ndim == 0 else self.new.weight("setting", values)
 
     def _shuffle(self, node: Node, x: str) -> None:
         """Pixel shuffle. In mode DCR runs of c channels move; in mode CRD single ones do."""

@@ -70,7 +70,13 @@ class Graph:
         if name in self.weights:
             self._count += 1
             name = f"{name}_{self._count}"
-        self.weights[name] = Weight(np.asarray(values, order="C"), scale)
+        self.weights[name] = Weight(np.ascontiguousarray(values), scale)
+        return name
+
+    def number(self, name: str, value: np.generic) -> str:
+        """Store a constant without dimensions and return its name; `weight` gives every constant at least one."""
+        name = self.weight(name, np.asarray(value))
+        self.weights[name].values = np.asarray(value)
         return name
 
     def producer(self, name: str) -> Node | None:
@@ -130,7 +136,7 @@ def to_model(graph: Graph, name: str = "image_net") -> onnx.ModelProto:
     for node in graph.nodes:
         attributes = dict(sorted(node.attributes.items()))
         nodes.append(
-            helper.make_node(node.op, node.inputs, [node.output], node.output, domain=node.domain, **attributes)
+            helper.make_node(node.op, node.inputs, [node.output], node.output, domain=node.domain or None, **attributes)
         )
     domains = sorted({node.domain for node in graph.nodes} - {""})
     model = helper.make_model(

@@ -209,14 +209,14 @@ class _Writer:
         self.real[name] = self.new.add("DequantizeLinear", [whole, *self._scale(self.params[name])], shape)
 
     def _scale(self, params: Params) -> list[str]:
-        scale = self.new.weight("scale", np.asarray(params.scale, np.float32))
-        return [scale, self.new.weight("zero", np.asarray(params.zero, np.uint8))]
+        scale = self.new.number("scale", np.float32(params.scale))
+        return [scale, self.new.number("zero", np.uint8(params.zero))]
 
     def _move(self, node: Node) -> None:
         """Move integers as they are; what a Pad adds is the integer of zero."""
         rest = list(node.inputs[1:])
         if node.op == "Pad":
-            rest[1] = self.new.weight("fill", np.asarray(self.params[node.output].zero, np.uint8))
+            rest[1] = self.new.number("fill", np.uint8(self.params[node.output].zero))
         inputs = [self.integers[node.inputs[0]], *rest]
         self._know(node.output, self.new.add(node.op, inputs, self.old.shapes[node.output], **node.attributes))
 
