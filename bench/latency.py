@@ -186,7 +186,7 @@ def bench(
     """From scan and pose to labels, stage by stage; image networks and point heads beside PyTorch and OpenVINO."""
     if quick:
         scans, slow_scans, rounds = 50, 2, 2
-    rows = {name: row for name, row in ROWS.items() if not (quick and row.config in ("v2", "lmnet"))}
+    rows = {name: row for name, row in ROWS.items() if not (quick and (row.share or row.config in ("v2", "lmnet")))}
     with tempfile.TemporaryDirectory() as temporary:
         work = Path(temporary)
         if sequence is None:
