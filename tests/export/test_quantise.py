@@ -14,7 +14,7 @@ from export.graph import Graph, to_model
 from export.integer_net import prepare
 from export.quantise import LARGEST, Params, kernel_integers, quantised
 from export.shifts import carry_shifts, to_relu
-from export.to_onnx import _Outputs
+from export.to_onnx import Outputs
 from export.tracing import trace
 from mos_model.config import named_config
 from mos_model.network import ImageOutput, build_image_network
@@ -38,7 +38,7 @@ def network(name="v1", channels=4):
     for part in net.modules():
         if isinstance(part, nn.BatchNorm2d):
             part.weight.data.abs_()
-    return _Outputs(net)
+    return Outputs(net)
 
 
 @pytest.fixture(scope="module")
@@ -185,7 +185,7 @@ def test_carried_shifts_change_nothing_but_the_border(exact_below, negative):
         if negative:
             norm.weight.data[1] *= -1
     shape = (1, 3, 12, 16)
-    graph = trace(_Outputs(block), shape)
+    graph = trace(Outputs(block), shape)
     leaks = {node.output: np.zeros(4) for node in graph.nodes if node.op == "LeakyRelu"}
     want = run(graph, image(0, shape))
     to_relu(graph, leaks)
