@@ -143,7 +143,7 @@ def test_info_tells_nested_and_absent_values(capsys):
         files={"image_net.onnx": FileEntry("0" * 64, 2_500_000, "float32")},
         weights={"trained": True},
         model={"network": "dual", "sensor": {}},
-        parity={"head": {"max_abs": 1.25e-7}},
+        parity={"head": {"max_abs": 1.25e-7}, "floats": []},
     )
     show_bundle(Bundle(Path("x"), manifest))
     shown = capsys.readouterr().out
@@ -152,6 +152,7 @@ def test_info_tells_nested_and_absent_values(capsys):
         "down 64 128",
         "2.50 MB",
         "head max abs 1.25e-07",
+        "floats none",
         "trained yes",
         "not measured",
     ):
