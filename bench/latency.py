@@ -97,7 +97,7 @@ class Forced:
         assert head is not None
         self.share, self.chosen = share, np.empty(0, bool)
         refine = head.refine
-        head.refine = lambda xyz, valid, features, _: refine(xyz, valid, features, self.chosen & valid)  # type: ignore[method-assign]
+        head.refine = lambda xyz, valid, features, _: refine(xyz, valid, features, self.chosen & valid)
 
     def choose(self, points: np.ndarray, clusters: int = 5) -> None:
         """The points (N, 4) that are nearest to five of them."""

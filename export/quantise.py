@@ -11,7 +11,8 @@ import numpy as np
 
 from export.graph import Graph, Node
 from export.integer_blocks import expand_soft_pool
-from export.shifts import bias_of, shift_of
+from export.rewrite import bias_of
+from export.shifts import shift_of
 
 LARGEST = 64  # of a kernel's integers
 BINARY = ("Add", "Mul", "Concat")  # in integers where one of their inputs is

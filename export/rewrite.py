@@ -22,7 +22,7 @@ def _fold_before(graph: Graph, norm: Node) -> bool:
     if conv is None or conv.op != "Conv" or len(graph.consumers(conv.output)) > 1:
         return False
     scale, shift = _affine(graph, norm)
-    bias = _bias(graph, conv) * scale + shift
+    bias = bias_of(graph, conv) * scale + shift
     _set_weights(graph, conv, scale[:, None, None, None], bias)
     graph.replace(norm.output, conv.output)
     return True
@@ -38,7 +38,7 @@ def _fold_after(graph: Graph, norm: Node) -> bool:
     scale, shift = _affine(graph, norm)
     weight = graph.weights[conv.inputs[1]].folded()
     channels = slice(first, first + len(scale))
-    bias = _bias(graph, conv) + np.einsum("oihw,i->o", weight[:, channels].astype(np.float64), shift)
+    bias = bias_of(graph, conv) + np.einsum("oihw,i->o", weight[:, channels].astype(np.float64), shift)
     factors = np.ones((1, weight.shape[1], 1, 1))
     factors[0, channels, 0, 0] = scale
     _set_weights(graph, conv, factors, bias)
@@ -56,7 +56,8 @@ def _affine(graph: Graph, norm: Node) -> tuple[np.ndarray, np.ndarray]:
     return scale, shift
 
 
-def _bias(graph: Graph, conv: Node) -> np.ndarray:
+def bias_of(graph: Graph, conv: Node) -> np.ndarray:
+    """(C,) f64 bias of a convolution, zeros where it has none."""
     if len(conv.inputs) > 2:
         return graph.weights[conv.inputs[2]].values.astype(np.float64)
     return np.zeros(graph.shapes[conv.output][1])

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from export.graph import Graph, Node
+from export.rewrite import bias_of
 
 WHOLE = 1 << 30  # rows: of no image
 
@@ -131,13 +132,6 @@ def _pass(graph: Graph, node: Node, before: str, after: str, shift: np.ndarray) 
 
 def _constant(graph: Graph, values: np.ndarray) -> str:
     return graph.weight("shift", np.float32(values)[None, :, None, None])
-
-
-def bias_of(graph: Graph, conv: Node) -> np.ndarray:
-    """(C,) f64 bias of a convolution, zeros where it has none."""
-    if len(conv.inputs) > 2:
-        return graph.weights[conv.inputs[2]].values.astype(np.float64)
-    return np.zeros(graph.shapes[conv.output][1])
 
 
 def set_convolution(graph: Graph, conv: Node, kernel: np.ndarray, bias: np.ndarray) -> None:

@@ -7,15 +7,13 @@ from typing import Any
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
 
-from runtime.jit import kernel
+from runtime.jit import compiled, kernel
 
 _PATIENCE = 2000  # looks at a counter before the processor is offered to other threads
 _INDEX = ir.IntType(64)
 _ON_X86 = platform.machine().lower() in ("x86_64", "amd64")
 
-compiled: Any = intrinsic  # generates code, without types that a checker could see
 declared: Any = cgutils.get_or_insert_function
 
 

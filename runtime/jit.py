@@ -11,10 +11,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
+import numba.extending
 
 from runtime.errors import MosWarning
 
 Function = Callable[..., Any]  # Numba finds out what the arguments are
+compiled: Any = numba.extending.intrinsic  # generates code, without types that a checker could see
 
 # Sums may be contracted and reordered; NaN and infinity keep their meaning (kernels test for them).
 FASTMATH = {"contract", "reassoc", "nsz"}

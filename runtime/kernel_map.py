@@ -7,23 +7,20 @@ and the neighbours of a voxel are found among the children of its parent's neigh
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from runtime.arena import Arena
-from runtime.jit import kernel
+from runtime.jit import compiled, kernel
 from runtime.sparse_kernel import UNIT
 from runtime.workers import Workers
 
 MAX_TILE = 512  # outputs of one tile: their accumulators stay in the L2 cache
 MIN_TILE = 128  # fewer: the weights, read once per tile, cost more than the work
 _GRAIN = 8192  # voxels per task
-compiled: Any = intrinsic  # generates code, without types that a checker could see
 
 
 @dataclass(frozen=True)

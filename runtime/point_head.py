@@ -37,7 +37,6 @@ class PointHeadEngine(PointHead):
         """`weights`: as `fold` returns them, float16 or float32. Raises BundleError where they do not fit."""
         super().__init__(config, workers)
         values = checked(weights, config)
-        self._pending = Layers(workers)  # what no result was asked of yet
         self._weights: dict[str, tuple[Packed, int]] = {}  # and the multiply-adds of a pair
         for layer in layers(config):
             weight, bias = values[f"{layer.name}.weight"], values.get(f"{layer.name}.bias")
@@ -47,6 +46,7 @@ class PointHeadEngine(PointHead):
     def _network(self, voxels: Voxels, kept: NDArray[np.int32], features: Floats, rows: NDArray[np.int32]) -> Floats:
         """Class probabilities (K, 3) of the voxels `kept` (K,)."""
         config, depth, take = self.config, len(self.config.down), self._take
+        self._pending = Layers(self.workers)  # what no result was asked of yet; none is left of a scan that failed
         began = perf_counter()
         maps = self._maps(voxels.keys[kept] if len(kept) < len(voxels.keys) else voxels.keys)
         began = self._spent("maps", began)

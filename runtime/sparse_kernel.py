@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from llvmlite import binding, ir
 from numba import types
-from numba.extending import intrinsic
 
 from runtime.atomics import fetch_add, wait_for
-from runtime.jit import kernel
+from runtime.jit import compiled, kernel
 
 LANES = 16  # output channels of one panel; channel counts are filled up to a multiple of it
 # Pairs are taken in threes and twos of this many: 6 and 4 rows fill 16 vector registers, 12 and 8 rows 32.
@@ -34,7 +33,6 @@ FIELDS = (
     RESIDUAL, RESIDUAL_LENGTH, OUT, OUT_LENGTH, RELU, TILE, COUNT, BLOCKS,
 ) = range(len(FIELDS))  # fmt: skip
 
-compiled: Any = intrinsic  # generates code, without types that a checker could see
 _WORD, _INDEX, _VECTOR = ir.IntType(32), ir.IntType(64), ir.VectorType(ir.FloatType(), LANES)
 _ZERO = ir.Constant(_VECTOR, [0.0] * LANES)
 
