@@ -33,3 +33,38 @@ LITE = PointHeadConfig(down=(64, 128), up=(96, 96), fuse_after_up=None, dropout=
 SMALL = PointHeadConfig(
     in_channels=16, down=(16, 32), up=(32, 16), fuse_after_up=None, dropout=0.0, voxel_size=0.1, reduce="mean"
 )  # for real time
+
+
+def receptive_field(config: PointHeadConfig) -> int:
+    """Greatest distance per axis, in voxels, between a voxel and those that its result depends on."""
+    return max(_reach(config, place) for place in range(1 << len(config.down)))
+
+
+def _reach(config: PointHeadConfig, place: int) -> int:
+    """The same for a voxel at `place` in the coarsest grid, on one axis: from the output backwards."""
+    depth = len(config.down)
+    voxels = points = (place, place)  # first and last position needed of each branch
+
+    def aligned(box: tuple[int, int], stride: int, beyond: int = 0) -> tuple[int, int]:
+        return (box[0] // stride - beyond) * stride, (box[1] // stride + beyond) * stride + stride - 1
+
+    def union(a: tuple[int, int], b: tuple[int, int]) -> tuple[int, int]:
+        return min(a[0], b[0]), max(a[1], b[1])
+
+    def exchanged(stride: int) -> tuple[tuple[int, int], tuple[int, int]]:
+        both = union(voxels, points)
+        return (both[0] // stride * stride, (both[1] // stride + 2) * stride - 1), both
+
+    skips = {}
+    for stage in range(depth, 0, -1):  # decoder
+        stride = 1 << (depth - stage)
+        if stage == config.fuse_after_up:
+            voxels, points = exchanged(stride)
+        voxels = skips[depth - stage] = aligned(voxels, stride, 4)
+        voxels = aligned(voxels, 2 * stride)
+    voxels, points = exchanged(1 << depth)
+    for level in range(depth, 0, -1):  # encoder
+        voxels = aligned(aligned(voxels, 1 << level, 4), 1 << level)
+        voxels = union(voxels, skips[level - 1])
+    low, high = aligned(union(voxels, points), 1, 1)
+    return max(place - low, high - place)

@@ -31,8 +31,6 @@ from runtime.image_net import Provider, open_session, provider_name
 from runtime.kernel_map import Scale, build_scales, neighbours
 from runtime.point_head import PointHeadEngine
 from runtime.refinement import Floats, PointHead
-from runtime.transfer import features_to_voxels
-from runtime.voxels import Voxels
 from runtime.workers import Workers
 
 ENGINES = ("auto", "numba", "onnx")
@@ -64,7 +62,7 @@ class OnnxHead(PointHead):
     ) -> None:
         """`path`: a bundle's `point_head.onnx`. Raises BundleError where it does not fit `config`; providers,
         allow_fallback and session_options as in `runtime.image_net.open_session`, with its errors."""
-        super().__init__(config, workers)
+        super().__init__(config, workers, config.in_channels)
         self._session = open_session(
             path,
             threads=workers.threads,
@@ -81,16 +79,10 @@ class OnnxHead(PointHead):
                 f"{config.in_channels} features"
             )
 
-    def _network(self, voxels: Voxels, kept: NDArray[np.int32], features: Floats, rows: NDArray[np.int32]) -> Floats:
+    def _network(self, keys: NDArray[np.int64], x: Floats) -> Floats:
         began = perf_counter()
-        feeds = self._tables(voxels.keys[kept])
+        feeds = {**self._tables(keys), "features": x}
         began = self._spent("maps", began)
-        self.voxels = len(kept)
-        x = self._arena.take("features", (len(kept), self.config.in_channels))
-        feeds["features"] = features_to_voxels(
-            features, rows, voxels, kept, self.config.reduce == "mean", x, self.workers
-        )
-        began = self._spent("transfers", began)
         try:
             (probabilities,) = self._session.run(["probabilities"], feeds)
         except Exception as error:  # ONNX Runtime's errors share no base but Exception

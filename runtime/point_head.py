@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from runtime.head_config import PointHeadConfig
 from runtime.head_weights import checked, fold, layers
 from runtime.kernel_map import KernelMap, Scale, build_scales, neighbours, table_map, up_map
-from runtime.refinement import DEFAULT_HALO, FeatureMap, Floats, PointHead
+from runtime.refinement import DEFAULT_HALO, Floats, PointHead
 from runtime.sparse_conv import Layers, Packed, pack, padded
-from runtime.transfer import classify, exchange, features_to_voxels
-from runtime.voxels import Voxels
+from runtime.transfer import FeatureMap, classify, exchange
 from runtime.workers import Workers
 
 __all__ = ["DEFAULT_HALO", "FeatureMap", "PointHeadEngine", "fold"]
@@ -35,7 +34,7 @@ class PointHeadEngine(PointHead):
 
     def __init__(self, weights: Mapping[str, NDArray[np.generic]], config: PointHeadConfig, workers: Workers) -> None:
         """`weights`: as `fold` returns them, float16 or float32. Raises BundleError where they do not fit."""
-        super().__init__(config, workers)
+        super().__init__(config, workers, padded(config.in_channels))
         values = checked(weights, config)
         self._weights: dict[str, tuple[Packed, int]] = {}  # and the multiply-adds of a pair
         for layer in layers(config):
@@ -43,18 +42,13 @@ class PointHeadEngine(PointHead):
             self._weights[layer.name] = pack(weight, bias, layer.inputs), sum(layer.inputs) * layer.outputs
         self._classifier = np.ascontiguousarray(values["classifier.weight"].T), values["classifier.bias"]
 
-    def _network(self, voxels: Voxels, kept: NDArray[np.int32], features: Floats, rows: NDArray[np.int32]) -> Floats:
-        """Class probabilities (K, 3) of the voxels `kept` (K,)."""
+    def _network(self, keys: NDArray[np.int64], x: Floats) -> Floats:
         config, depth, take = self.config, len(self.config.down), self._take
         self._pending = Layers(self.workers)  # what no result was asked of yet; none is left of a scan that failed
         began = perf_counter()
-        maps = self._maps(voxels.keys[kept] if len(kept) < len(voxels.keys) else voxels.keys)
-        began = self._spent("maps", began)
+        maps = self._maps(keys)
+        self._spent("maps", began)
         sizes = [len(scale.keys) for scale in maps.scales]
-        self.voxels = sizes[0]
-        x = take("features", 0, sizes, config.in_channels)
-        features_to_voxels(features, rows, voxels, kept, config.reduce == "mean", x, self.workers)
-        self._spent("transfers", began)
 
         # Each skip lies in the right-hand columns of the array that its decoder stage reads.
         ups = [padded(channels) for channels in config.up[::-1]]

@@ -4,17 +4,16 @@ import threading
 from abc import ABC, abstractmethod
 from math import ceil
 from time import perf_counter
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.arena import Arena
 from runtime.errors import InferenceError, ScanError, SettingError
-from runtime.head_config import PointHeadConfig
-from runtime.region import receptive_field, surroundings
-from runtime.transfer import to_points
-from runtime.voxels import Voxels, voxelise
+from runtime.head_config import PointHeadConfig, receptive_field
+from runtime.transfer import FeatureMap, features_to_voxels, to_points
+from runtime.voxels import voxelise
 from runtime.workers import Workers
 
 DEFAULT_HALO = 0.4  # m around candidates: with trained weights as good as 1 m, at half the voxels
@@ -22,19 +21,12 @@ DEFAULT_HALO = 0.4  # m around candidates: with trained weights as good as 1 m, 
 Floats = NDArray[np.float32]
 
 
-class FeatureMap(NamedTuple):
-    """Features of an image and the pixel of each point; only the voxels that are refined read theirs."""
-
-    features: Floats  # (c, H, W / s): s neighbouring pixels of a row share theirs
-    pixel: NDArray[np.int32]  # (N,) v * W + u of each point, negative: no pixel (features are 0)
-    width: int  # W
-
-
 class PointHead(ABC):
     """Refines coarse results. One call at a time (others wait); workspaces are reused from scan to scan."""
 
-    def __init__(self, config: PointHeadConfig, workers: Workers) -> None:
-        self.config, self.workers = config, workers
+    def __init__(self, config: PointHeadConfig, workers: Workers, width: int) -> None:
+        """width: of the features that `_network` takes; those beyond `config.in_channels` are 0."""
+        self.config, self.workers, self._width = config, workers, width
         self.timing: dict[str, float] = {}  # s spent in each step of the last scan
         self.multiply_adds = 0  # of the last scan, existing pairs only; 0 from engines that do not count
         self.voxels = 0  # voxels refined in the last scan
@@ -61,7 +53,7 @@ class PointHead(ABC):
             self.timing = dict.fromkeys(("voxels", "maps", "transfers", "convolutions"), 0.0)
             self.multiply_adds = self.voxels = 0
             count = len(xyz)
-            features, rows = self._features(pixel_features, count)
+            features = self._features(pixel_features, count)
             result = np.full((count, 3), np.nan, np.float32)
             wanted = np.ones(count, np.bool_) if candidates is None else np.require(candidates, np.bool_, ["C", "W"])
             if wanted.shape != (count,):
@@ -72,21 +64,19 @@ class PointHead(ABC):
             began = perf_counter()
             near = None if candidates is None else (wanted, reach)
             voxels = voxelise(xyz, self.config.voxel_size, self.workers, valid, near)
-            kept = (
-                self._kept(voxels, wanted, reach)
-                if candidates is not None
-                else np.arange(len(voxels.keys), dtype=np.int32)
-            )
-            self._spent("voxels", began)
-            if len(kept):
-                probabilities = self._network(voxels, kept, features, rows)
-                if not np.isfinite(probabilities).all():
-                    raise InferenceError("the point head's result is not finite: look for NaN in the features")
-                began = perf_counter()
-                place = np.full(len(voxels.keys), -1, np.int32)
-                place[kept] = np.arange(len(kept), dtype=np.int32)
-                to_points(probabilities, place, voxels.inverse, wanted, result)
-                self._spent("transfers", began)
+            began = self._spent("voxels", began)
+            self.voxels = len(voxels.keys)
+            if not self.voxels:
+                return result
+            x = self._arena.take("features", (self.voxels, self._width))
+            features_to_voxels(features, voxels, self.config.reduce == "mean", x, self.workers)
+            self._spent("transfers", began)
+            probabilities = self._network(voxels.keys, x)
+            if not np.isfinite(probabilities).all():
+                raise InferenceError("the point head's result is not finite: look for NaN in the features")
+            began = perf_counter()
+            to_points(probabilities, voxels.order, voxels.starts, wanted, result)
+            self._spent("transfers", began)
             return result
 
     @property
@@ -102,18 +92,17 @@ class PointHead(ABC):
             raise SettingError(f'halo must be "exact" or a distance of 0 m or more, not {halo!r}')
         return ceil(halo / self.config.voxel_size - 1e-6)
 
-    def _features(self, given: Floats | FeatureMap, count: int) -> tuple[Floats, NDArray[np.int32]]:
-        """Features as (R, c), in any memory order, and the row of each point, negative for zeros."""
+    def _features(self, given: Floats | FeatureMap, count: int) -> FeatureMap:
+        """The features of `count` points, checked."""
         channels = self.config.in_channels
         if isinstance(given, FeatureMap):
             image, pixel, width = given
             if image.shape[0] == channels and pixel.shape == (count,) and width % image.shape[2] == 0:
-                image = np.require(image, np.float32, ["C", "W"]).reshape(channels, -1).T
-                share = width // given.features.shape[2]
-                return image, pixel if share == 1 else pixel // np.int32(share)  # -1 // share is -1
+                return FeatureMap(np.require(image, np.float32, ["C", "W"]), pixel, width)
             shapes = f"{image.shape} of an image {width} wide, with {pixel.shape} pixels"
         elif given.shape == (count, channels):
-            return np.require(given, np.float32, ["C", "W"]), np.arange(count, dtype=np.int32)
+            image = np.require(given, np.float32, ["C", "W"]).T[:, None]
+            return FeatureMap(image, np.arange(count, dtype=np.int32), count)
         else:
             shapes = str(given.shape)
         raise ScanError(
@@ -121,17 +110,9 @@ class PointHead(ABC):
             f"({count},) pixels, not {shapes}"
         )
 
-    def _kept(self, voxels: Voxels, wanted: NDArray[np.bool_], reach: int) -> NDArray[np.int32]:
-        """Rows of the voxels to look at."""
-        candidates = np.zeros(len(voxels.keys), np.bool_)
-        candidates[voxels.inverse[wanted & (voxels.inverse >= 0)]] = True
-        if not candidates.any():
-            return np.zeros(0, np.int32)
-        return surroundings(voxels.keys, candidates, reach, self._arena, self.workers)
-
     @abstractmethod
-    def _network(self, voxels: Voxels, kept: NDArray[np.int32], features: Floats, rows: NDArray[np.int32]) -> Floats:
-        """Class probabilities (K, 3) of the voxels `kept` (K,); features and rows as `_features` returns them."""
+    def _network(self, keys: NDArray[np.int64], x: Floats) -> Floats:
+        """Class probabilities (V, 3) of the voxels `keys` (V,) with features `x` (V, width)."""
 
     def _spent(self, step: str, began: float) -> float:
         now = perf_counter()

@@ -25,15 +25,16 @@ from runtime.onnx_head import choose_head
 from runtime.poses import check_pose
 from runtime.precision import choose_precision
 from runtime.projection import project_scan
-from runtime.refinement import FeatureMap, PointHead
+from runtime.refinement import PointHead
 from runtime.scans import as_scan
 from runtime.sensor import HISTORY
+from runtime.transfer import FeatureMap
 from runtime.workers import Workers
 
 log = logging.getLogger("lidar_mos")
 
 POSTPROCESSES = ("none", "knn", "head")
-CANDIDATE = 0.05  # probability of its pixel from which a point may move: the point head looks at its surroundings
+CANDIDATE = 0.2  # probability of its pixel from which a point may move: the point head looks at its surroundings
 
 
 @dataclass(frozen=True)

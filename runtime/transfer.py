@@ -1,5 +1,7 @@
 """Features on their way: image to voxels, voxels to points and back, and to the scan (paper, Sec. III-D)."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -8,28 +10,31 @@ from runtime.voxels import Voxels
 from runtime.workers import Workers
 
 _GRAIN = 4096  # voxels per task
+_NOTHING = np.zeros(0, np.int32)
+
+
+class FeatureMap(NamedTuple):
+    """Features of an image and the pixel of each point; only those of the voxels in question are read."""
+
+    features: NDArray[np.float32]  # (c, H, W / s): s neighbouring pixels of a row share theirs
+    pixel: NDArray[np.int32]  # (N,) v * W + u of each point, negative: no pixel (features are 0)
+    width: int  # W
 
 
 def features_to_voxels(
-    features: NDArray[np.float32],
-    rows: NDArray[np.int32],
-    voxels: Voxels,
-    kept: NDArray[np.int32],
-    mean: bool,
-    out: NDArray[np.float32],
-    workers: Workers,
+    given: FeatureMap, voxels: Voxels, mean: bool, out: NDArray[np.float32], workers: Workers
 ) -> NDArray[np.float32]:
-    """Features of the voxels `kept` (K,): those of the voxel's first point in scan order, or the mean of all.
+    """Features of voxels: those of the voxel's first point in scan order, or the mean of all its points.
 
-    `features` (R, c) float32, of any memory order; `rows` (N,) the row of each point, negative for zeros;
-    `out` (K, >= c), whose further columns become 0.
+    `out` (V, >= c) float32, whose further columns become 0.
     """
+    table = given.features.reshape(len(given.features), -1)
+    share = given.width // given.features.shape[2]
     if mean:
-        order, starts = voxels.order, voxels.starts
-        workers.ranges(lambda a, b: _mean_features(features, rows, order, starts, kept, out, a, b), len(kept), _GRAIN)
+        order, starts, pick = voxels.order, voxels.starts, _mean_features
     else:
-        first = rows[voxels.first[kept]]
-        workers.ranges(lambda a, b: _pick_features(features, first, out, a, b), len(kept), _GRAIN)
+        order, starts, pick = voxels.first, _NOTHING, _pick_features
+    workers.ranges(lambda a, b: pick(table, given.pixel, share, order, starts, out, a, b), len(voxels.keys), _GRAIN)
     return out
 
 
@@ -69,9 +74,9 @@ def classify(
 
 
 @kernel
-def _pick_features(features, rows, out, start, stop):  # type: ignore[no-untyped-def]
-    """Copies blocks channel by channel: kind to the caches in either memory order of the features."""
-    channels = features.shape[1]
+def _pick_features(table, pixel, share, first, _, out, start, stop):  # type: ignore[no-untyped-def]
+    """Copies blocks channel by channel: kind to the caches whichever of the table's axes comes first in memory."""
+    channels = table.shape[0]
     block = np.empty((16, 1024), np.float32)
     for i in range(start, stop):
         for c in range(channels, out.shape[1]):
@@ -82,28 +87,27 @@ def _pick_features(features, rows, out, start, stop):  # type: ignore[no-untyped
             width = min(16, channels - group)
             for c in range(width):
                 for i in range(number):
-                    row = rows[low + i]
-                    block[c, i] = features[row, group + c] if row >= 0 else np.float32(0)
+                    at = pixel[first[low + i]]
+                    block[c, i] = table[group + c, at // share] if at >= 0 else np.float32(0)
             for i in range(number):
                 for c in range(width):
                     out[low + i, group + c] = block[c, i]
 
 
 @kernel
-def _mean_features(features, rows, order, starts, kept, out, start, stop):  # type: ignore[no-untyped-def]
-    channels = features.shape[1]
-    for i in range(start, stop):
+def _mean_features(table, pixel, share, order, starts, out, start, stop):  # type: ignore[no-untyped-def]
+    channels = table.shape[0]
+    for v in range(start, stop):
         for channel in range(out.shape[1]):
-            out[i, channel] = 0
-        begin, end = starts[kept[i]], starts[kept[i] + 1]
-        for j in range(begin, end):
-            row = rows[order[j]]
-            if row >= 0:
+            out[v, channel] = 0
+        for i in range(starts[v], starts[v + 1]):
+            at = pixel[order[i]]
+            if at >= 0:
                 for channel in range(channels):
-                    out[i, channel] += features[row, channel]
-        share = np.float32(1) / np.float32(end - begin)
+                    out[v, channel] += table[channel, at // share]
+        part = np.float32(1) / np.float32(starts[v + 1] - starts[v])
         for channel in range(channels):
-            out[i, channel] *= share
+            out[v, channel] *= part
 
 
 @fast_kernel
@@ -163,10 +167,11 @@ def _classify(points, voxels, weight, bias, out, start, stop):  # type: ignore[n
 
 
 @kernel
-def to_points(probabilities, place, inverse, wanted, out):  # type: ignore[no-untyped-def]
-    """Each wanted point takes row `place[v]` of the results (K, 3), v its voxel; others keep their `out`."""
-    for i in range(inverse.size):
-        if wanted[i] and inverse[i] >= 0:
-            row = place[inverse[i]]
-            for j in range(3):
-                out[i, j] = probabilities[row, j]
+def to_points(probabilities, order, starts, wanted, out):  # type: ignore[no-untyped-def]
+    """The points of voxel v take row v of the results (V, 3), if they are wanted; others keep their `out`."""
+    for v in range(probabilities.shape[0]):
+        for i in range(starts[v], starts[v + 1]):
+            point = order[i]
+            if wanted[point]:
+                for j in range(3):
+                    out[point, j] = probabilities[v, j]

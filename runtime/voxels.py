@@ -12,7 +12,8 @@ from runtime.workers import Workers
 AXIS_BITS = 21  # three axes fill 63 bits of a key
 _GRAIN = 32_768  # points per task
 _FAR = 1 << 30  # voxels; farther points cannot be counted in 32 bits
-_COLUMNS, _COLUMN_BITS = 512, 3  # columns of 2^3 voxels in x and y; what is 512 of them apart shares one
+_BLOCK = 2  # blocks of 2^2 voxels a side are near candidates, or not, as a whole
+_SIDE, _HEIGHT = 256, 32  # blocks in x and y, and in z, after which marks repeat; powers of 2
 
 
 @dataclass(frozen=True)
@@ -20,11 +21,26 @@ class Voxels:
     """The occupied voxels of a scan. V voxels, N points, M of them in a voxel."""
 
     keys: NDArray[np.int64]  # (V,) Morton keys, rising; x in bit 2 of each triple, y in bit 1, z in bit 0
-    coords: NDArray[np.int32]  # (V, 3) x y z in voxels, minimum over the scan = 0 on each axis
-    first: NDArray[np.int32]  # (V,) the first point of the voxel in scan order
-    inverse: NDArray[np.int32]  # (N,) the voxel of each point, -1 for points that were left out
     order: NDArray[np.int32]  # (M,) points sorted by voxel, in scan order within one
     starts: NDArray[np.int32]  # (V + 1,) points of voxel v: order[starts[v] : starts[v + 1]]
+    count: int  # N
+
+    @property
+    def coords(self) -> NDArray[np.int32]:
+        """(V, 3) x y z in voxels, minimum over the scan = 0 on each axis; computed at each call."""
+        return _coordinates(self.keys)  # type: ignore[no-any-return]
+
+    @property
+    def first(self) -> NDArray[np.int32]:
+        """(V,) the first point of the voxel in scan order; computed at each call."""
+        return self.order[self.starts[:-1]]
+
+    @property
+    def inverse(self) -> NDArray[np.int32]:
+        """(N,) the voxel of each point, -1 for points that were left out; computed at each call."""
+        inverse = np.full(self.count, -1, np.int32)
+        inverse[self.order] = np.repeat(np.arange(len(self.keys), dtype=np.int32), np.diff(self.starts))
+        return inverse
 
 
 def voxelise(
@@ -37,9 +53,9 @@ def voxelise(
     """Voxels of a scan: `q = round(xyz / voxel_size)` in float32, ties to even, minus the minimum per axis.
 
     `xyz` (N, 3) float32 m; `valid` (N,) bool: points to use, by default all but those at the origin. Points
-    with NaN or infinite coordinates are always left out. `near`: candidates (N,) bool and a distance in voxels;
-    saves the work for voxels that are farther in x or y from those of all candidates (not for each of them), on the
-    grid of the whole scan. Raises ScanError where the scan spans 2^21 voxels.
+    with NaN or infinite coordinates are always left out. `near`: candidates (N,) bool and a distance in voxels; leaves
+    out the voxels that are farther (on some axis) from those of all candidates, but not each of them, on the grid of
+    the whole scan. Raises ScanError where the scan spans 2^21 voxels.
     """
     xyz = np.require(xyz, np.float32, ["W"])  # columns of a wider array are read where they are
     if xyz.ndim != 2 or xyz.shape[1] != 3:
@@ -47,83 +63,92 @@ def voxelise(
     mask = xyz.any(axis=1) if valid is None else np.require(valid, np.bool_, ["C", "W"])
     if mask.shape != xyz.shape[:1]:
         raise ScanError(f"the mask of valid points must be ({len(xyz)},), not {mask.shape}")
-    count = len(xyz)
-    cells = np.empty((count, 3), np.int32)
-    used = np.empty(count, np.bool_)
+    count, size = len(xyz), np.float32(voxel_size)
     tasks = -(-count // _GRAIN)
-    extents = np.empty((tasks, 7), np.int64)  # minima, maxima and number of the points of each task
-
-    def quantise(start: int, stop: int) -> None:
-        _quantise(xyz, np.float32(voxel_size), mask, cells, used, extents, start // _GRAIN, start, stop)
-
-    workers.ranges(quantise, count, _GRAIN)
-    total = int(extents[:, 6].sum())
-    lowest = extents[:, :3].min(axis=0) if total else np.zeros(3, np.int64)
-    span = extents[:, 3:6].max(axis=0) - lowest if total else np.zeros(3, np.int64)
-    if total and (span.max() >> AXIS_BITS or np.abs(extents[:, :6]).max() >= _FAR):
-        raise ScanError(
-            f"the scan spans {np.abs(extents[:, :6]).max() * voxel_size:.3g} m or more, too far for "
-            f"{1 << AXIS_BITS} voxels of {voxel_size} m: drop the far points or use larger voxels"
-        )
+    box = np.empty((tasks, 2, 3), np.float32)  # lowest and highest coordinates of each task
+    workers.ranges(lambda start, stop: _extent(xyz, mask, start, stop, box[start // _GRAIN]), count, _GRAIN)
+    lowest, span = _grid(box, size)
+    marks = np.zeros((0, 0), np.uint32)
     if near is not None:
-        columns = np.zeros((_COLUMNS, _COLUMNS), np.bool_)
-        _mark_columns(cells, used, np.require(near[0], np.bool_), near[1], columns)
-        workers.ranges(
-            lambda start, stop: _select(cells, used, columns, extents, start // _GRAIN, start, stop), count, _GRAIN
+        marks = np.zeros((_SIDE, _SIDE), np.uint32)
+        apart = min(-(-near[1] >> _BLOCK), _SIDE // 2)
+        _mark(xyz, size, lowest, mask, np.flatnonzero(np.require(near[0], np.bool_)), apart, marks)
+    keys, points = np.empty(count, np.int64), np.empty(count, np.int32)
+    ends = np.zeros(tasks, np.int64)
+
+    def take(start: int, stop: int) -> None:
+        ends[start // _GRAIN] = _keys(xyz, size, mask, marks, lowest, start, stop, keys, points)
+
+    workers.ranges(take, count, _GRAIN)
+    if tasks:
+        keys, points = (
+            np.concatenate([values[task * _GRAIN : end] for task, end in enumerate(ends)]) for values in (keys, points)
         )
-    offsets = np.concatenate(([0], np.cumsum(extents[:, 6])))
-    total = int(offsets[-1])
-    keys = np.empty(total, np.int64)
-    points = np.empty(total, np.int32)
-    workers.ranges(
-        lambda start, stop: _keys(cells, used, lowest, keys, points, offsets[start // _GRAIN], start, stop),
-        count,
-        _GRAIN,
-    )
-    keys, points = _sort(keys, points, 3 * int(span.max()).bit_length())
-    return Voxels(*_group(keys, points, count))
+    keys, order = _sort(keys, points, 3 * span.bit_length())
+    keys, starts = _group(keys)
+    return Voxels(keys, order, starts, count)
+
+
+def _grid(box: NDArray[np.float32], size: np.float32) -> tuple[NDArray[np.int64], int]:
+    """The lowest voxel on each axis, and the longest side in voxels; `box` (tasks, 2, 3) m, infinite without points."""
+    corners = np.stack([box[:, 0].min(axis=0, initial=np.inf), box[:, 1].max(axis=0, initial=-np.inf)])
+    if not np.isfinite(corners).all():
+        return np.zeros(3, np.int64), 0
+    with np.errstate(over="ignore"):
+        cells = np.rint(corners / size)  # rounding keeps order, so these are the first and last of the points' voxels
+    farthest = float(np.abs(cells).max())
+    span = int(min((cells[1].astype(np.float64) - cells[0]).max(), 1 << AXIS_BITS))
+    if farthest >= _FAR or span >> AXIS_BITS:
+        raise ScanError(
+            f"the scan spans {np.abs(corners).max():.3g} m or more, too far for {1 << AXIS_BITS} voxels of {size:g} m: "
+            f"drop the far points or use larger voxels"
+        )
+    return cells[0].astype(np.int64), span
+
+
+@inlined
+def _used(xyz, valid, i):  # type: ignore[no-untyped-def]
+    return valid[i] and np.isfinite(xyz[i, 0]) and np.isfinite(xyz[i, 1]) and np.isfinite(xyz[i, 2])
+
+
+@inlined
+def _cell(x, size):  # type: ignore[no-untyped-def]
+    return np.int64(np.rint(x / size))
 
 
 @kernel
-def _quantise(xyz, size, valid, cells, used, extents, task, start, stop):  # type: ignore[no-untyped-def]
-    for axis in range(3):
-        extents[task, axis] = _FAR
-        extents[task, 3 + axis] = -_FAR
-    number = 0
+def _extent(xyz, valid, start, stop, box):  # type: ignore[no-untyped-def]
+    x0 = y0 = z0 = np.float32(np.inf)
+    x1 = y1 = z1 = np.float32(-np.inf)
     for i in range(start, stop):
-        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
-        keep = valid[i] and np.isfinite(x) and np.isfinite(y) and np.isfinite(z)
-        used[i] = keep
-        if not keep:
+        if _used(xyz, valid, i):
+            x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+            x0, y0, z0 = min(x0, x), min(y0, y), min(z0, z)
+            x1, y1, z1 = max(x1, x), max(y1, y), max(z1, z)
+    box[0, 0], box[0, 1], box[0, 2] = x0, y0, z0
+    box[1, 0], box[1, 1], box[1, 2] = x1, y1, z1
+
+
+@kernel
+def _mark(xyz, size, lowest, valid, candidates, apart, marks):  # type: ignore[no-untyped-def]
+    """Set the bits (of z) of all blocks at most `apart` blocks from one with a candidate."""
+    seen = np.zeros_like(marks)
+    tower = np.uint64((1 << min(2 * apart + 1, _HEIGHT)) - 1)
+    for i in candidates:
+        if not _used(xyz, valid, i):
             continue
-        number += 1
-        for axis in range(3):
-            cell = np.rint(xyz[i, axis] / size)
-            q = np.int64(min(max(cell, np.float32(-_FAR)), np.float32(_FAR)))
-            cells[i, axis] = q
-            extents[task, axis] = min(extents[task, axis], q)
-            extents[task, 3 + axis] = max(extents[task, 3 + axis], q)
-    extents[task, 6] = number
-
-
-@kernel
-def _mark_columns(cells, used, candidates, reach, columns):  # type: ignore[no-untyped-def]
-    for i in range(candidates.size):
-        if candidates[i] and used[i]:
-            for x in range((cells[i, 0] - reach) >> _COLUMN_BITS, ((cells[i, 0] + reach) >> _COLUMN_BITS) + 1):
-                for y in range((cells[i, 1] - reach) >> _COLUMN_BITS, ((cells[i, 1] + reach) >> _COLUMN_BITS) + 1):
-                    columns[x & (_COLUMNS - 1), y & (_COLUMNS - 1)] = True
-
-
-@kernel
-def _select(cells, used, columns, extents, task, start, stop):  # type: ignore[no-untyped-def]
-    number = 0
-    for i in range(start, stop):
-        if used[i]:
-            x, y = cells[i, 0] >> _COLUMN_BITS, cells[i, 1] >> _COLUMN_BITS
-            used[i] = columns[x & (_COLUMNS - 1), y & (_COLUMNS - 1)]
-            number += used[i]
-    extents[task, 6] = number
+        x = _cell(xyz[i, 0], size) - lowest[0] >> _BLOCK
+        y = _cell(xyz[i, 1], size) - lowest[1] >> _BLOCK
+        z = _cell(xyz[i, 2], size) - lowest[2] >> _BLOCK
+        own = np.uint32(1) << np.uint32(z & _HEIGHT - 1)
+        if seen[x & _SIDE - 1, y & _SIDE - 1] & own:
+            continue
+        seen[x & _SIDE - 1, y & _SIDE - 1] |= own
+        turned = tower << np.uint64(z - apart & _HEIGHT - 1)
+        around = np.uint32((turned | turned >> np.uint64(_HEIGHT)) & np.uint64(0xFFFFFFFF))
+        for u in range(x - apart, x + apart + 1):
+            for v in range(y - apart, y + apart + 1):
+                marks[u & _SIDE - 1, v & _SIDE - 1] |= around
 
 
 @inlined
@@ -148,15 +173,22 @@ def _gather_bits(x):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _keys(cells, used, lowest, keys, points, offset, start, stop):  # type: ignore[no-untyped-def]
+def _keys(xyz, size, valid, marks, lowest, start, stop, keys, points):  # type: ignore[no-untyped-def]
+    """Keys and numbers of the points from `start` on that are near, from `start` on; returns their end."""
+    end = start
     for i in range(start, stop):
-        if used[i]:
-            x = np.int64(cells[i, 0]) - lowest[0]
-            y = np.int64(cells[i, 1]) - lowest[1]
-            z = np.int64(cells[i, 2]) - lowest[2]
-            keys[offset] = _spread(x) << 2 | _spread(y) << 1 | _spread(z)
-            points[offset] = i
-            offset += 1
+        if _used(xyz, valid, i):
+            x = _cell(xyz[i, 0], size) - lowest[0]
+            y = _cell(xyz[i, 1], size) - lowest[1]
+            z = _cell(xyz[i, 2], size) - lowest[2]
+            if marks.size:
+                tower = marks[x >> _BLOCK & _SIDE - 1, y >> _BLOCK & _SIDE - 1]
+                if not tower >> np.uint32(z >> _BLOCK & _HEIGHT - 1) & np.uint32(1):
+                    continue
+            keys[end] = _spread(x) << 2 | _spread(y) << 1 | _spread(z)
+            points[end] = i
+            end += 1
+    return end
 
 
 @kernel
@@ -187,29 +219,27 @@ def _sort(keys, points, bits):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _group(keys, points, count):  # type: ignore[no-untyped-def]
-    """One voxel for each run of equal keys."""
+def _group(keys):  # type: ignore[no-untyped-def]
+    """The different ones of rising keys, and where each begins."""
     voxels = 0
     for i in range(keys.size):
         voxels += i == 0 or keys[i] != keys[i - 1]
     unique = np.empty(voxels, np.int64)
-    coords = np.empty((voxels, 3), np.int32)
-    first = np.empty(voxels, np.int32)
     starts = np.empty(voxels + 1, np.int32)
-    inverse = np.empty(count, np.int32)
-    for i in range(count):
-        inverse[i] = -1
-    v = -1
+    v = 0
     for i in range(keys.size):
-        key = keys[i]
-        if i == 0 or key != keys[i - 1]:
+        if i == 0 or keys[i] != keys[i - 1]:
+            unique[v], starts[v] = keys[i], i
             v += 1
-            unique[v] = key
-            first[v] = points[i]
-            starts[v] = i
-            coords[v, 0] = _gather_bits(key >> 2)
-            coords[v, 1] = _gather_bits(key >> 1)
-            coords[v, 2] = _gather_bits(key)
-        inverse[points[i]] = v
     starts[voxels] = keys.size
-    return unique, coords, first, inverse, points, starts
+    return unique, starts
+
+
+@kernel
+def _coordinates(keys):  # type: ignore[no-untyped-def]
+    coords = np.empty((keys.size, 3), np.int32)
+    for i in range(keys.size):
+        coords[i, 0] = _gather_bits(keys[i] >> 2)
+        coords[i, 1] = _gather_bits(keys[i] >> 1)
+        coords[i, 2] = _gather_bits(keys[i])
+    return coords

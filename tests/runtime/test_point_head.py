@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from runtime.errors import BundleError, CheckpointError, InferenceError, ScanError, SettingError
-from runtime.head_config import FULL, LITE, PointHeadConfig
+from runtime.head_config import FULL, LITE, PointHeadConfig, receptive_field
 from runtime.point_head import FeatureMap, PointHeadEngine, fold
-from runtime.region import receptive_field
 from runtime.workers import Workers
 from tests import reference_voxels as reference
 

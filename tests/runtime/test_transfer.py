@@ -5,7 +5,7 @@ import pytest
 
 from runtime.arena import Arena
 from runtime.kernel_map import build_scales, neighbours
-from runtime.transfer import classify, exchange, features_to_voxels, to_points
+from runtime.transfer import FeatureMap, classify, exchange, features_to_voxels, to_points
 from runtime.voxels import voxelise
 from runtime.workers import Workers
 from tests import reference_voxels as reference
@@ -42,18 +42,20 @@ def test_exchange(level, cloud):
 
 @pytest.mark.parametrize("mean", [False, True])
 @pytest.mark.parametrize("channels", [3, 16, 37])
-@pytest.mark.parametrize("order", "CF")
-def test_features_to_voxels(mean, channels, order):
+@pytest.mark.parametrize("order", ["channels first", "channels last"])
+@pytest.mark.parametrize("share", [1, 2])
+def test_features_to_voxels(mean, channels, order, share):
     random = np.random.default_rng(channels)
     xyz = random.uniform(0.1, 1.0, (6000, 3)).astype(np.float32)
     voxels = voxelise(xyz, 0.05, Workers(1))
-    table = np.asarray(random.normal(size=(500, channels)), np.float32, order=order)
-    rows = random.integers(-1, 500, len(xyz)).astype(np.int32)  # -1: no pixel, zeros
-    kept = np.flatnonzero(random.random(len(voxels.keys)) < 0.7).astype(np.int32)
-    out = np.full((len(kept), 48), np.nan, np.float32)
-    features_to_voxels(table, rows, voxels, kept, mean, out, Workers(2))
-    of_points = np.where(rows[:, None] >= 0, table[rows], 0)
-    for found, v in zip(out, kept, strict=True):
+    image = random.normal(size=(channels, 10, 50)).astype(np.float32)
+    if order == "channels last":
+        image = np.ascontiguousarray(image.transpose(1, 2, 0)).transpose(2, 0, 1)
+    pixel = random.integers(-1, 10 * 50 * share, len(xyz)).astype(np.int32)  # -1: none, zeros
+    out = np.full((len(voxels.keys), 48), np.nan, np.float32)
+    features_to_voxels(FeatureMap(image, pixel, 50 * share), voxels, mean, out, Workers(2))
+    of_points = np.where(pixel[:, None] >= 0, image[:, pixel // (50 * share), pixel // share % 50].T, 0)
+    for v, found in enumerate(out):
         members = np.flatnonzero(voxels.inverse == v)
         expected = of_points[members].mean(axis=0) if mean else of_points[members[0]]
         np.testing.assert_allclose(found[:channels], expected, atol=1e-6)
@@ -72,7 +74,7 @@ def test_classify():
 
 def test_to_points():
     probabilities = np.arange(6, dtype=np.float32).reshape(2, 3)
-    out = np.full((4, 3), np.nan, np.float32)
-    place, inverse = np.array([-1, 1, 0], np.int32), np.array([1, -1, 2, 1], np.int32)
-    to_points(probabilities, place, inverse, np.array([True, True, True, False]), out)
-    np.testing.assert_equal(out, [[3, 4, 5], [np.nan] * 3, [0, 1, 2], [np.nan] * 3])
+    out = np.full((5, 3), np.nan, np.float32)
+    order, starts = np.array([2, 0, 3, 4], np.int32), np.array([0, 1, 4], np.int32)
+    to_points(probabilities, order, starts, np.array([True, True, True, False, True]), out)
+    np.testing.assert_equal(out, [[3, 4, 5], [np.nan] * 3, [0, 1, 2], [np.nan] * 3, [3, 4, 5]])

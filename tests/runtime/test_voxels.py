@@ -71,7 +71,7 @@ def test_nothing_and_one_voxel():
 
 
 @pytest.mark.parametrize("reach", [0, 1, 5, 9, 40])
-@pytest.mark.parametrize("shift", [0.0, -3.0, 210.0])  # 210 m: other columns share a mark, which only keeps more
+@pytest.mark.parametrize("shift", [0.0, -3.0, 210.0])  # 210 m: another place in the table of marks
 def test_near_candidates(reach, shift):
     """All that is within reach of a candidate is as in the whole scan; some of the rest is left out."""
     xyz = reference.surfaces(reach, 900, 9.0) + np.float32(shift)
@@ -88,6 +88,25 @@ def test_near_candidates(reach, shift):
     assert np.array_equal(np.flatnonzero(part.inverse >= 0), np.flatnonzero(np.isin(whole.inverse, rows)))
     assert np.array_equal(rows[part.inverse[part.inverse >= 0]], whole.inverse[part.inverse >= 0])
     assert len(voxelise(xyz, SIZE, Workers(1), None, (np.zeros(900, bool), reach)).keys) == 0
+
+
+def test_near_candidates_leaves_out_what_is_above():
+    """Distance counts on each axis, and candidates that do not take part mark nothing."""
+    height = np.arange(0.0, 6.0, SIZE, dtype=np.float32)  # less than the marks' height, after which they repeat
+    xyz = np.stack([np.full_like(height, 7), np.full_like(height, -2), height - 3], axis=1)
+    candidates = np.arange(len(xyz)) == 60
+    part = voxelise(xyz, SIZE, Workers(1), None, (candidates, 4))
+    assert np.array_equal(np.flatnonzero(part.inverse >= 0), np.arange(56, 68))  # whole blocks of 4 voxels
+    xyz[60] = np.nan
+    assert len(voxelise(xyz, SIZE, Workers(1), None, (candidates, 4)).keys) == 0
+    assert len(voxelise(xyz, SIZE, Workers(1), ~candidates, (candidates, 4)).keys) == 0
+
+
+@pytest.mark.parametrize("reach", [1000, 1 << 40])
+def test_a_reach_beyond_the_marks_keeps_everything(reach):
+    xyz = reference.surfaces(2, 300, 9.0)
+    part = voxelise(xyz, SIZE, Workers(2), None, (np.arange(300) == 7, reach))
+    assert np.array_equal(part.keys, voxelise(xyz, SIZE, Workers(2)).keys)
 
 
 def test_read_only_and_strided_arrays():
