@@ -11,7 +11,7 @@ from export.calibration import find_ranges, mean_leaks
 from export.channels_last import integer_operations
 from export.graph import Graph, to_model
 from export.integer_blocks import with_integer_forms
-from export.layout import means_to_pools, shuffle_blocks, spread_factors
+from export.layout import means_to_pools, shuffle_blocks, spread_factors, spread_gates
 from export.quantise import integer_values, layers, quantised, roots
 from export.rewrite import fold_norms
 from export.shifts import carry_shifts, to_relu
@@ -48,6 +48,7 @@ def prepare(network: nn.Module, shape: tuple[int, ...], images: Sequence[np.ndar
     carry_shifts(graph, exact_below)
     means_to_pools(graph)
     spread_factors(graph)
+    spread_gates(graph)
     shuffle_blocks(graph)
     chosen = layers(graph)
     found: dict[str, list[str]] = {}

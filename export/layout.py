@@ -1,4 +1,4 @@
-"""Rewriting for the integer graph, whose maps have the channels last: pixel shuffles and factors of whole channels."""
+"""Rewriting for the integer graph, whose maps have the channels last: pixel shuffles, gates and factors of channels."""
 
 import numpy as np
 
@@ -26,6 +26,46 @@ def spread_factors(graph: Graph) -> None:
             size = graph.weight("integers", np.asarray(shape, np.int64))
             graph.nodes.insert(graph.nodes.index(node), Node("Expand", [node.inputs[1], size], row))
             node.inputs = [node.inputs[0], row]
+
+
+def spread_gates(graph: Graph) -> None:
+    """Let a convolution that gates a map pixel by pixel have the map's channels, all alike.
+
+    Met by its (1, C, H, W) a gate (1, 1, H, W) takes ten times as long as one of the same shape.
+    """
+    for node in list(graph.nodes):
+        if node.op != "Mul" or len(graph.shapes[node.output]) != 4:
+            continue
+        channels = graph.shapes[node.output][1]
+        for name in node.inputs:
+            way = _way_to_gate(graph, name)
+            if way and channels != 1:
+                _repeat(graph, way[-1], int(channels))
+                for step in way:
+                    graph.shapes[step.output] = (1, channels, *graph.shapes[step.output][2:])
+
+
+def _way_to_gate(graph: Graph, name: str) -> list[Node]:
+    """The nodes from a map of one channel back to the convolution that made it, if nothing else reads them."""
+    way: list[Node] = []
+    while (node := graph.producer(name)) is not None and len(graph.consumers(name)) == 1 and name not in graph.outputs:
+        if graph.shapes[name][1:2] != (1,) or graph.shapes[name][2:] == (1, 1):
+            return []
+        way.append(node)
+        if node.op == "Conv":
+            return way
+        if node.op != "Sigmoid":
+            return []
+        name = node.inputs[0]
+    return []
+
+
+def _repeat(graph: Graph, conv: Node, channels: int) -> None:
+    """Let a convolution with one output channel have `channels` of them."""
+    names = [f"{conv.output}.{kind}" for kind in ("gate", "bias")]
+    parts = [graph.weights[name].folded() for name in conv.inputs[1:]]
+    repeated = [graph.weight(name, part.repeat(channels, axis=0)) for name, part in zip(names, parts, strict=False)]
+    conv.inputs = [conv.inputs[0], *repeated]
 
 
 def shuffle_blocks(graph: Graph) -> None:

@@ -12,6 +12,7 @@ from export import calibration
 from export.channels_last import integer_operations
 from export.graph import Graph, to_model
 from export.integer_net import prepare
+from export.layout import spread_gates
 from export.quantise import LARGEST, Params, kernel_integers, quantised
 from export.shifts import carry_shifts, to_relu
 from export.to_onnx import Outputs
@@ -126,6 +127,30 @@ def test_integer_operations_give_the_integers_of_the_pairs(name):
     for a, b in zip(got, want, strict=True):
         np.testing.assert_allclose(a, b, atol=2e-2 * np.abs(b).max())
         assert np.abs(a - b).mean() < 1e-3 * np.abs(b).max()
+
+
+@pytest.mark.parametrize("name", ["v1", "rt"])
+def test_gates_of_whole_maps_give_the_same(name):
+    graph = trace(network(name), SHAPE)
+    before = run(graph, image())
+    spread_gates(graph)
+    for kept, spread in zip(before, run(graph, image()), strict=True):
+        np.testing.assert_array_equal(spread, kept)
+    gates = [n for n in graph.nodes if n.op == "Mul" and any(graph.shapes.get(i, ())[1:2] == (1,) for i in n.inputs)]
+    assert not gates
+    sizes = [graph.shapes[node.output][1] for node in graph.nodes if node.op == "Conv"]
+    assert sizes.count(1) == 0
+
+
+def test_a_gate_that_others_read_stays_as_it_is():
+    graph = trace(network("rt"), SHAPE)
+    gate = next(node for node in graph.nodes if node.op == "Conv" and graph.shapes[node.output][1] == 1)
+    graph.outputs.append(gate.output)
+    before = run(graph, image())
+    spread_gates(graph)
+    assert graph.shapes[gate.output][1] == 1
+    for kept, spread in zip(before, run(graph, image()), strict=True):
+        np.testing.assert_array_equal(spread, kept)
 
 
 def test_int8_stays_near_float(prepared):
