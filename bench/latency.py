@@ -33,23 +33,26 @@ class Row(NamedTuple):
     postprocess: Literal["none", "knn", "head"] | None
     refine: Literal["near", "all"] = "near"
     share: float | None = None  # of the points that the point head takes for candidates; None: those that may move
+    precision: Literal["auto", "float32", "int8"] = "float32"
 
 
 ROWS = {
     "LMNet, kNN": Row("lmnet", "knn"),
     "v1, kNN": Row("v1", "knn"),
     "v2-lite, 2 % of points": Row("v2-lite", "head", "near", 0.02),
+    "v2-lite in INT8, 2 % of points": Row("v2-lite", "head", "near", 0.02, "int8"),
     "v2-lite, all points": Row("v2-lite", "head", "all"),
     "v2, all points": Row("v2", "head", "all"),
-    "default bundle": Row("", None),
-    "default bundle, point head": Row("", "head"),
+    "default bundle": Row("", None, precision="auto"),
+    "default bundle, kNN": Row("", "knn", precision="auto"),
 }
 
 
-def random_bundle(config: str, folder: Path) -> Path:
+def random_bundle(config: str, precision: str, folder: Path) -> Path:
     """The bundle of a configuration of the paper with random weights."""
     import torch
 
+    from export.int8 import Settings
     from export.to_onnx import export_checkpoint
     from mos_model import checkpoint
     from mos_model.config import named_config
@@ -59,13 +62,17 @@ def random_bundle(config: str, folder: Path) -> Path:
     model = named_config(config)
     path = folder / f"{config}.pt"
     checkpoint.save(path, model, build_image_network(model), build_point_head(model))
-    return export_checkpoint(path, folder / config, weights="float32", trained=False).bundle.path
+    whole = Settings(streets=1, judging=1) if precision == "int8" else None
+    exported = export_checkpoint(
+        path, folder / config, weights="float32", trained=False, precision=precision, int8=whole
+    )
+    return exported.bundle.path
 
 
 def measure(row: Row, bundle: Path | None, folder: Path, threads: int, scans: int) -> dict[str, Any]:
     """Seconds of every stage over `scans` scans of a sequence, back and forth, with a full history."""
     sequence = open_sequence(folder, limit=60)
-    runner = MosRunner(bundle, threads=threads, postprocess=row.postprocess, refine=row.refine)
+    runner = MosRunner(bundle, threads=threads, postprocess=row.postprocess, refine=row.refine, precision=row.precision)
     forced = None if row.share is None else Forced(runner, row.share)
     order = there_and_back(range(len(sequence)))
     for i in range(HISTORY):
@@ -195,7 +202,7 @@ def bench(
             sequence = write_dataset(work / "street", 1, 40, 7).path / "sequences" / "00"
         found: dict[str, dict[str, Any]] = {}
         for name, row in rows.items():
-            bundle = alone(random_bundle, row.config, work) if row.config else None
+            bundle = alone(random_bundle, row.config, row.precision, work) if row.config else None
             count = slow_scans if row.config else scans
             found[name] = alone(measure, row, bundle, sequence, threads, count)
             typer.echo(f"{name}: {found[name]['ms']['scan']['median']:.0f} ms a scan", err=True)

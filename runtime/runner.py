@@ -34,6 +34,7 @@ from runtime.workers import Workers
 log = logging.getLogger("lidar_mos")
 
 POSTPROCESSES = ("none", "knn", "head")
+WARM_UP = 160  # points a side of the wall that is labelled at the start: more voxels than most scans have near movers
 CANDIDATE = 0.2  # probability of its pixel from which a point may move: the point head looks at its surroundings
 
 
@@ -216,10 +217,11 @@ class MosRunner:
         return moving, probability
 
     def _warm_up(self) -> None:
-        """Compile or load every kernel, and let ONNX Runtime lay out its memory."""
+        """Compile or load every kernel, and let ONNX Runtime and the point head lay out their memory."""
         if not is_cached(project_scan):
             log.warning("compiling kernels, once on this machine (20 to 60 s)")
-        grid = np.linspace(-1, 1, 16, dtype=np.float32)
+        step = 0.1 if self._head is None else 1.01 * self._head.config.voxel_size
+        grid = step * np.arange(-WARM_UP // 2, WARM_UP // 2, dtype=np.float32)
         y, z = (a.reshape(-1) for a in np.meshgrid(grid, grid))
         wall = np.stack([np.full_like(y, 10), y, z, np.zeros_like(y)], axis=1)
         refine, self.refine = self.refine, "all"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from runtime.arena import aligned_empty
 from runtime.errors import ScanError
 from runtime.kernel_map import KernelMap, tile_size
-from runtime.sparse_kernel import FIELDS, LANES, run_layers
+from runtime.sparse_kernel import FIELDS, LANES, address, run_layers
 from runtime.workers import Workers
 
 _TASKS_PER_THREAD = 4  # of one layer, at least; where it has too few tiles, each is done in parts
@@ -136,18 +136,18 @@ class Layers:
         panels, tiles = columns // LANES, max(1, -(-count // kernel_map.tile))
         enough = -(-_TASKS_PER_THREAD * self.workers.threads // tiles)
         values = {
-            "source": _address(features), "row_length": _row_length(features),
-            "weights": _address(weights.panels), "depth": weights.rows,
+            "source": address(features), "row_length": _row_length(features),
+            "weights": address(weights.panels), "depth": weights.rows,
             "panels": panels, "offsets": len(weights.panels),
-            "inputs": _address(kernel_map.inputs), "outputs": _address(kernel_map.outputs),
-            "starts": _address(kernel_map.starts),
-            "side": _address(side), "side_length": _row_length(side),
-            "side_weights": _address(side_weights.panels),
+            "inputs": address(kernel_map.inputs), "outputs": address(kernel_map.outputs),
+            "starts": address(kernel_map.starts),
+            "side": address(side), "side_length": _row_length(side),
+            "side_weights": address(side_weights.panels),
             "side_depth": 0 if shortcut is None else side_weights.rows,
-            "bias": _address(bias),
-            "residual": 0 if residual is None else _address(residual),
+            "bias": address(bias),
+            "residual": 0 if residual is None else address(residual),
             "residual_length": 0 if residual is None else _row_length(residual),
-            "out": _address(out), "out_length": _row_length(out), "relu": int(relu),
+            "out": address(out), "out_length": _row_length(out), "relu": int(relu),
             "tile": kernel_map.tile, "count": count, "blocks": max(1, min(panels, enough)),
         }  # fmt: skip
         self._rows.append([values[name] for name in FIELDS])
@@ -200,10 +200,6 @@ def _check(array: NDArray[np.float32], count: int, columns: int, name: str) -> N
             f"{name} must be a ({count}, {columns}) float32 array with contiguous rows, "
             f"not {array.dtype} {array.shape} with strides {array.strides}"
         )
-
-
-def _address(array: NDArray[np.generic]) -> int:
-    return int(array.__array_interface__["data"][0])
 
 
 def _row_length(array: NDArray[np.float32]) -> int:

@@ -9,7 +9,7 @@ from runtime.jit import fast_kernel, kernel
 from runtime.voxels import Voxels
 from runtime.workers import Workers
 
-_GRAIN = 4096  # voxels per task
+_GRAIN = 1024  # voxels per task
 _NOTHING = np.zeros(0, np.int32)
 
 
@@ -55,7 +55,7 @@ def exchange(
     `coarse` and `out` (C, c), `table` (C + 1, 27) neighbours, `members` (C + 1,) first point of each coarse
     voxel, `keys` (V,) Morton keys of the points (one per voxel of stride 1), `points` (V, c), updated.
     """
-    grain = max(1, _GRAIN >> level)
+    grain = max(64, _GRAIN >> level)
     workers.ranges(lambda a, b: _exchange(coarse, table, members, keys, level, points, out, a, b), len(coarse), grain)
     return out
 
