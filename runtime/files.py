@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from runtime.errors import OutputError
+from runtime.errors import MosError, OutputError
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -31,6 +31,8 @@ def replacing(path: Path) -> Iterator[Path]:
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
             raise
+    except MosError:
+        raise
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"cannot write {path}: {reason}. Free the space or choose another output folder") from error

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from runtime import __version__
 from runtime.bundle import MANIFEST, sha256_of
 from runtime.errors import MosError, OutputError, SettingError
 from runtime.files import write_whole
@@ -112,6 +113,8 @@ def _identity(sequence: Sequence, runner: MosRunner) -> dict[str, Any]:
         "manifest_sha256": sha256_of(runner.bundle.path / MANIFEST),
         "postprocess": runner.postprocess,
         "refine": runner.refine,
+        "precision": runner.precision,
+        "version": __version__,
         "first_scan": sequence.scans[0].name,
         "poses_sha256": sequence.poses_sha256,
     }

@@ -115,7 +115,8 @@ def nearest_range(points, transform, scale, min_range, max_range, nearest):  # t
 def project_scan(points, scale, min_range, max_range, pixel, distance, first, nearest, limited):  # type: ignore[no-untyped-def]
     """Project the current scan, points (N, 4) f32.
 
-    Writes for every point pixel (N,) int32 and distance (N,) f32 m; for every pixel first (H * W) int32, the nearest
+    Writes for every point pixel (N,) int32 (-1: at the origin, or not finite, remission too) and distance (N,) f32 m;
+    for every pixel first (H * W) int32, the nearest
     point (-1: none), nearest (H * W) f32 m, its range (infinity: none), and limited, the same of only the points
     with min_range < r < max_range.
     """
@@ -130,6 +131,8 @@ def project_scan(points, scale, min_range, max_range, pixel, distance, first, ne
         stop = min(start + BLOCK, count)
         project_block(points[start:stop], identity, scale, xyz, pixel[start:stop], distance[start:stop])
         for i in range(start, stop):
+            if not np.isfinite(points[i, 3]):
+                pixel[i], distance[i] = -1, np.float32(0)
             cell = pixel[i]
             if cell >= 0:
                 r = distance[i]

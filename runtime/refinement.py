@@ -16,6 +16,7 @@ from runtime.transfer import FeatureMap, features_to_voxels, to_points
 from runtime.voxels import voxelise
 from runtime.workers import Workers
 
+WARM_UP = 160  # points a side of the wall that is refined at the start: more voxels than most scans have near movers
 DEFAULT_HALO = 0.4  # m around candidates: with trained weights as good as 1 m, at half the voxels
 
 Floats = NDArray[np.float32]
@@ -44,10 +45,11 @@ class PointHead(ABC):
         """Class probabilities (N, 3) of a scan's points; NaN for points that were not refined.
 
         `xyz` (N, 3) m, LiDAR frame; `valid` (N,) points that take part (those with NaN or infinity never do);
-        `pixel_features` (N, c), or a FeatureMap. `candidates` (N,): refine these only, looking only at voxels
-        within `halo` m of theirs (on each axis); "exact" is wide enough for the result of a full run. None:
-        refine all valid points. Raises ScanError for shapes that do not fit and scans that span 2^21 voxels,
-        InferenceError where the features are not finite.
+        `pixel_features` (N, c), or a FeatureMap. `candidates` (N,): refine these only, looking at the voxels within
+        `halo` m of theirs (on each axis), and at the rest of the blocks of 4^3 voxels that these lie in; "exact" is
+        wide enough for the result of a full run. None: refine all valid points. Raises ScanError for shapes that do
+        not fit and scans that span 2^21 voxels, SettingError for another halo, InferenceError where the features are
+        not finite.
         """
         with self._lock:
             self.timing = dict.fromkeys(("voxels", "maps", "transfers", "convolutions"), 0.0)
@@ -79,6 +81,16 @@ class PointHead(ABC):
             self._spent("transfers", began)
             return result
 
+    def warm_up(self) -> None:
+        """Refine a wall, near a point of it and as a whole: compiles every kernel and lays out memory."""
+        grid = 1.01 * self.config.voxel_size * np.arange(WARM_UP, dtype=np.float32)
+        y, z = (a.reshape(-1) for a in np.meshgrid(grid, grid))
+        wall = np.stack([np.full_like(y, 10), y, z], axis=1)
+        features = FeatureMap(np.zeros((self.config.in_channels, 1, 2), np.float32), np.zeros(len(y), np.int32), 2)
+        valid = np.ones(len(y), np.bool_)
+        self.refine(wall, valid, features, np.arange(len(y)) == 0)
+        self.refine(wall, valid, features)
+
     @property
     def workspace(self) -> int:
         """Bytes held from scan to scan."""
@@ -97,9 +109,12 @@ class PointHead(ABC):
         channels = self.config.in_channels
         if isinstance(given, FeatureMap):
             image, pixel, width = given
-            if image.shape[0] == channels and pixel.shape == (count,) and width % image.shape[2] == 0:
+            fits = image.ndim == 3 and len(image) == channels and image.size > 0 and width % image.shape[2] == 0
+            if fits and pixel.shape == (count,) and pixel.dtype == np.int32:
+                if count and pixel.max() >= image.shape[1] * width:
+                    raise ScanError(f"pixel {pixel.max()} lies outside of an image of {image.shape[1]} x {width}")
                 return FeatureMap(np.require(image, np.float32, ["C", "W"]), pixel, width)
-            shapes = f"{image.shape} of an image {width} wide, with {pixel.shape} pixels"
+            shapes = f"{image.shape} of an image {width} wide, with {pixel.shape} {pixel.dtype} pixels"
         elif given.shape == (count, channels):
             image = np.require(given, np.float32, ["C", "W"]).T[:, None]
             return FeatureMap(image, np.arange(count, dtype=np.int32), count)
@@ -107,7 +122,7 @@ class PointHead(ABC):
             shapes = str(given.shape)
         raise ScanError(
             f"features of {count} points must be ({count}, {channels}), or a FeatureMap of ({channels}, H, W / s) with "
-            f"({count},) pixels, not {shapes}"
+            f"({count},) int32 pixels, not {shapes}"
         )
 
     @abstractmethod

@@ -1,6 +1,7 @@
 """`MosRunner`: scan and pose in, a label for every point out."""
 
 import logging
+import math
 import os
 import threading
 import warnings
@@ -13,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from runtime.bundle import Bundle, default_bundle_path, load_bundle
+from runtime.bundle import POSTPROCESSES, Bundle, load_bundle
 from runtime.decision import pixel_classes, point_results, take_refined
 from runtime.errors import MosWarning, SettingError
 from runtime.history import History
@@ -33,8 +34,6 @@ from runtime.workers import Workers
 
 log = logging.getLogger("lidar_mos")
 
-POSTPROCESSES = ("none", "knn", "head")
-WARM_UP = 160  # points a side of the wall that is labelled at the start: more voxels than most scans have near movers
 CANDIDATE = 0.2  # probability of its pixel from which a point may move: the point head looks at its surroundings
 
 
@@ -82,8 +81,7 @@ class MosRunner:
 
         Raises BundleError, ProviderError or SettingError.
         """
-        path = default_bundle_path() if bundle is None else bundle
-        self.bundle: Bundle = load_bundle(path)
+        self.bundle: Bundle = load_bundle(bundle)
         manifest = self.bundle.manifest
         if threads is None:
             threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -131,16 +129,17 @@ class MosRunner:
         """Label the next scan of a sequence.
 
         scan: (N, 4) f32 or f64 x, y, z in m, LiDAR frame, and remission in 0..1; (N, 3) takes the mean remission that
-            the network subtracts. Points that are not finite or at the origin are never moving and have probability 0.
+            the network subtracts. Points at the origin, or with a value that is not finite, are never moving and have
+            probability 0.
         pose: (4, 4) T_world_lidar, rigid.
         time: s, to notice gaps; optional.
 
-        A jump of pose or time drops the history, with a MosWarning. Raises ScanError, PoseError or InferenceError; the
-        history is then as it was.
+        A jump of pose or time drops the history, with a MosWarning. Raises ScanError, PoseError, SettingError (of the
+        time) or InferenceError; the history is then as it was.
         """
         with self._lock:
             started = perf_counter()
-            points, pose = self._accept(scan, pose)
+            points, pose = self._accept(scan, pose, time)
             jump = self._history.jump(pose, time)
             past, relative = ([], []) if jump else (self._history.past(), self._history.relative(pose))
             image = self._inputs.build(points, past, relative)
@@ -167,13 +166,20 @@ class MosRunner:
     def remember(self, scan: ArrayLike, pose: ArrayLike, time: float | None = None) -> None:
         """Put a scan into the history without labelling it, to go on in the middle of a sequence."""
         with self._lock:
-            points, pose = self._accept(scan, pose)
-            distance = np.abs(points[:, :3]).sum(axis=1)
-            keep = (distance > 0) & (distance < np.inf)
+            points, pose = self._accept(scan, pose, time)
+            keep = np.logical_and(np.isfinite(points).all(axis=1), points[:, :3].any(axis=1))
             self._remember(points, keep, pose, time, self._history.jump(pose, time))
 
-    def _accept(self, scan: ArrayLike, pose: ArrayLike) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Scan (N, 4), in a buffer of this runner, and pose (4, 4), both checked."""
+    def _accept(
+        self, scan: ArrayLike, pose: ArrayLike, time: float | None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Scan (N, 4), in a buffer of this runner, and pose (4, 4); all three are checked."""
+        try:
+            known = time is None or math.isfinite(time)
+        except (TypeError, OverflowError):
+            known = False
+        if not known:
+            raise SettingError(f"time must be a number of seconds, or None, not {time!r}")
         given = as_scan(scan, remission_fill=self.bundle.manifest.sensor.mean[4])
         checked = check_pose(pose, "pose")
         if len(self._points) < len(given):
@@ -190,9 +196,9 @@ class MosRunner:
         time: float | None,
         jump: str,
     ) -> None:
-        if jump:
-            self._history.clear()
+        if jump:  # where warnings are errors, the history stays as it was
             warnings.warn(f"{jump}: the history of past scans is dropped", MosWarning, stacklevel=3)
+            self._history.clear()
         self._history.add(points, keep, pose, time)
 
     def _to_points(
@@ -220,12 +226,11 @@ class MosRunner:
         """Compile or load every kernel, and let ONNX Runtime and the point head lay out their memory."""
         if not is_cached(project_scan):
             log.warning("compiling kernels, once on this machine (20 to 60 s)")
-        step = 0.1 if self._head is None else 1.01 * self._head.config.voxel_size
-        grid = step * np.arange(-WARM_UP // 2, WARM_UP // 2, dtype=np.float32)
+        grid = np.linspace(-1, 1, 16, dtype=np.float32)
         y, z = (a.reshape(-1) for a in np.meshgrid(grid, grid))
         wall = np.stack([np.full_like(y, 10), y, z, np.zeros_like(y)], axis=1)
-        refine, self.refine = self.refine, "all"
         self.remember(wall, np.eye(4))
         self(wall, np.eye(4))
-        self.refine = refine
         self.reset()
+        if self._head is not None:
+            self._head.warm_up()

@@ -109,8 +109,8 @@ def find_pose_files(
 ) -> PoseFiles:
     """Pose and calibration file of a sequence folder, each as given or else where KITTI keeps it.
 
-    frame: "camera" (KITTI; needs calib.txt), "lidar" (T_world_lidar, no calib.txt), None: camera if there is
-    a calib.txt. Raises PoseError saying where a file was looked for.
+    frame: "camera" (KITTI; needs calib.txt), "lidar" (T_world_lidar, no calib.txt), None: camera. Raises PoseError
+    saying where a file was looked for.
     """
     folder = Path(folder)
     if frame not in (None, *FRAMES):

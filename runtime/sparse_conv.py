@@ -68,9 +68,6 @@ def pack(
     return Packed(panels, filled)
 
 
-_NOTHING = np.zeros(0, np.int32)
-
-
 class Layers:
     """Layers that all threads work through together, without going back to the interpreter in between.
 

@@ -9,15 +9,17 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from llvmlite import binding, ir
+from llvmlite import ir
 from numba import types
+from numba.core.registry import cpu_target
 
 from runtime.atomics import fetch_add, wait_for
 from runtime.jit import compiled, kernel
 
 LANES = 16  # output channels of one panel; channel counts are filled up to a multiple of it
-# Pairs are taken in threes and twos of this many: 6 and 4 rows fill 16 vector registers, 12 and 8 rows 32.
-UNIT = 4 if binding.get_host_cpu_features().get("avx512f") else 2
+# Pairs are taken in threes and twos of this many: 6 and 4 rows fill 16 vector registers, 12 and 8 rows 32. It
+# depends on the features that Numba compiles for, as its cache of compiled code does.
+UNIT = 4 if "+avx512f" in cpu_target.target_context.codegen().magic_tuple()[2] else 2
 UNROLL = 4  # input channels per turn of the innermost loop; divides LANES
 
 
@@ -177,7 +179,7 @@ def _run_task(layer, task, sums, ahead, here):  # type: ignore[no-untyped-def]
         for r in range(number):
             _copy_lanes(layer[BIAS] + p * 64, sums + (p - first) * sums_size + r * 64)
     starts = layer[STARTS] + 4 * t * (layer[OFFSETS] + 1)
-    begin = _load_int32(starts, 0)
+    begin = _load_int32(starts, 0) if layer[OFFSETS] else 0
     for k in range(layer[OFFSETS]):
         end = _load_int32(starts, k + 1)
         if end > begin:

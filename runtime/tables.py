@@ -23,12 +23,12 @@ COLOURS = {"ok": "green", "warn": "yellow", "bad": "red"}
 
 def show_summary(name: str, summary: "Summary") -> None:
     """What was done, how long a scan took, and where the predictions are."""
-    console = Console()
+    console = Console(highlight=False, markup=False)
     already = f", {summary.resumed} were there already" if summary.resumed else ""
-    console.print(f"sequence {name}: {summary.scans} scans{already}", highlight=False)
+    console.print(f"sequence {name}: {summary.scans} scans{already}")
     if summary.scans:
         share = percent(summary.moving / max(1, summary.points))
-        console.print(f"{summary.points:,} points, {share} moving", highlight=False)
+        console.print(f"{summary.points:,} points, {share} moving")
         table = Table("ms a scan", box=None, pad_edge=False)
         for column in ("median", "p95"):
             table.add_column(column, justify="right")
@@ -36,12 +36,12 @@ def show_summary(name: str, summary: "Summary") -> None:
             median, p95 = np.percentile(1000 * np.asarray(seconds), [50, 95])
             table.add_row(stage, f"{median:.1f}", f"{p95:.1f}", style="bold" if stage == "scan" else "")
         console.print(table)
-    console.print(f"predictions: {summary.folder}", highlight=False, soft_wrap=True)
+    console.print(f"predictions: {summary.folder}", soft_wrap=True)
 
 
 def show_demo(demo: "Demo") -> None:
     """What was found and how fast, where the pictures are, and what to try next."""
-    console, scores, summary = Console(), demo.scores, demo.summary
+    console, scores, summary = Console(highlight=False, markup=False), demo.scores, demo.summary
     milliseconds = 1000 * np.asarray(summary.latency["scan"])
     median, p95 = np.percentile(milliseconds, [50, 95])
     points = summary.points / summary.scans
@@ -66,8 +66,8 @@ def show_demo(demo: "Demo") -> None:
         ("mos view YOUR_SEQUENCE --predictions predictions --out it.gif", "look at them"),
         (f"mos eval {out / 'predictions'} {out / 'street'}", "the scores above by range and class"),
     ):
-        console.print(f"  {command}", soft_wrap=True, highlight=False)
-        console.print(f"      {what}", style="dim", soft_wrap=True, highlight=False)
+        console.print(f"  {command}", soft_wrap=True)
+        console.print(f"      {what}", style="dim", soft_wrap=True)
 
 
 def _share(value: float) -> str:
@@ -76,14 +76,14 @@ def _share(value: float) -> str:
 
 def show_findings(folder: Path, findings: list[Finding]) -> None:
     """A line a finding, and how many are not ok."""
-    console = Console()
+    console = Console(highlight=False, markup=False)
     table = Table(box=None, show_header=False, pad_edge=False)
     for finding in findings:
-        table.add_row(Text(finding.level, style=COLOURS[finding.level]), finding.topic, Text(finding.text))
+        table.add_row(Text(finding.level, style=COLOURS[finding.level]), Text(finding.topic), Text(finding.text))
     bad, warn = (sum(finding.level == level for finding in findings) for level in ("bad", "warn"))
-    console.print(f"{folder}", highlight=False, soft_wrap=True)
+    console.print(f"{folder}", soft_wrap=True)
     console.print(table)
-    console.print(f"{bad} bad, {warn} to look at" if bad or warn else "all well", highlight=False)
+    console.print(f"{bad} bad, {warn} to look at" if bad or warn else "all well")
 
 
 def _decision(threshold: float | None) -> str:
@@ -117,7 +117,7 @@ def show_bundle(bundle: "Bundle") -> None:
     table = Table(box=None, show_header=False, pad_edge=False)
     for key, text in rows.items():
         table.add_row(Text(key, style="bold"), Text(text))
-    Console().print(table)
+    Console(highlight=False, markup=False).print(table)
 
 
 def _plain(value: Any) -> bool:

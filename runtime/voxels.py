@@ -63,6 +63,8 @@ def voxelise(
     mask = xyz.any(axis=1) if valid is None else np.require(valid, np.bool_, ["C", "W"])
     if mask.shape != xyz.shape[:1]:
         raise ScanError(f"the mask of valid points must be ({len(xyz)},), not {mask.shape}")
+    if near is not None and (np.shape(near[0]) != xyz.shape[:1] or near[1] < 0):
+        raise ScanError(f"near must be a mask ({len(xyz)},) and a distance, not {np.shape(near[0])} and {near[1]}")
     count, size = len(xyz), np.float32(voxel_size)
     tasks = -(-count // _GRAIN)
     box = np.empty((tasks, 2, 3), np.float32)  # lowest and highest coordinates of each task

@@ -1,9 +1,11 @@
 """A few threads that run GIL-free kernels side by side, without any process-wide setting."""
 
+import contextlib
 import itertools
 import os
+import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 from runtime.errors import SettingError
 
@@ -19,25 +21,34 @@ class Workers:
         self._pid = os.getpid()
 
     def each(self, task: Callable[[int], object], count: int) -> None:
-        """Call `task(i)` for i in 0..count-1; an idle thread takes the next i. Raises the first error."""
+        """Call `task(i)` for i in 0..count-1; an idle thread takes the next i. Raises the first error.
+
+        When it returns or raises, no thread is in a task any more, and none will be.
+        """
         helpers = min(self.threads, count) - 1
         if helpers <= 0:
             for i in range(count):
                 task(i)
             return
-        numbers = itertools.count()
+        numbers, stopped = itertools.count(), threading.Event()
+        futures: list[Future[None]] = []
 
         def take() -> None:
-            while (i := next(numbers)) < count:
+            while not stopped.is_set() and (i := next(numbers)) < count:
                 task(i)
 
-        futures = [self._executor().submit(take) for _ in range(helpers)]
         try:
+            with contextlib.suppress(RuntimeError):  # the system starts no more threads: those there are do it all
+                for _ in range(helpers):
+                    futures.append(self._executor().submit(take))
             take()
+        except BaseException:
+            stopped.set()
+            raise
         finally:
-            errors = [future.exception() for future in futures]  # also waits for all of them
-        for error in errors:
-            if error is not None:
+            _finish(futures, stopped)
+        for future in futures:
+            if not future.cancelled() and (error := future.exception()) is not None:
                 raise error
 
     def ranges(self, task: Callable[[int, int], object], total: int, grain: int) -> None:
@@ -55,3 +66,17 @@ class Workers:
         if self._pool is not None and self._pid == os.getpid():
             self._pool.shutdown(wait=True)
         self._pool = None
+
+
+def _finish(futures: list[Future[None]], stopped: threading.Event) -> None:
+    """Wait for those that have begun, whatever interrupts the wait; the others will not begin."""
+    interrupted: BaseException | None = None
+    running = [future for future in futures if not future.cancel()]
+    while running:
+        try:
+            running = list(wait(running).not_done)
+        except BaseException as error:
+            stopped.set()
+            interrupted = error
+    if interrupted is not None:
+        raise interrupted

@@ -24,6 +24,8 @@ def pixels_of(points: Scan, size: tuple[int, int], reach: float) -> tuple[NDArra
 
 def draw_bird(points: Scan, kinds: Kinds, size: tuple[int, int], reach: float) -> Image.Image:
     """Points (N, 4) m in the colours of their kinds (N,); what moves is larger and lies on top. RGB of `size`."""
+    shown = np.isfinite(points[:, :3]).all(axis=1)
+    points, kinds = points[shown], kinds[shown]
     large = (size[0] * SAMPLES, size[1] * SAMPLES)
     ground = Image.new("RGB", large, BACKGROUND)
     _rings(ImageDraw.Draw(ground), large, reach)

@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from runtime.errors import OutputError
+from runtime.errors import MosError, OutputError
 from runtime.files import replacing
 from runtime.pictures.snapshot import Snapshot
 from runtime.pictures.verdict import BACKGROUND, CAR_PAINT, COLOURS, STATIC, verdict
@@ -39,6 +39,8 @@ def record(path: Path, shown: Iterable[Snapshot]) -> int:
                 views = _log_scan(stream, snapshot)
                 if len(places) == 1:
                     stream.send_blueprint(_layout(views))
+        except MosError:  # of what makes the snapshots
+            raise
         except RuntimeError as error:  # Rerun's own, of a file that it cannot write
             raise OutputError(f"cannot write {path}: {error}") from error
         finally:

@@ -10,7 +10,7 @@ from PIL import Image
 
 from runtime.cli import main
 from runtime.demo import run_demo
-from runtime.errors import SequenceError
+from runtime.errors import InferenceError, SequenceError
 from runtime.labels import read_labels, to_classes, write_labels
 from runtime.pictures import write_picture
 from runtime.pictures.verdict import COLOURS, FALSE_ALARM, FOUND, MISSED
@@ -98,6 +98,18 @@ def test_a_recording_has_scans_labels_and_poses(predictions, tmp_path):
         entities.setdefault(part.entity_path, set()).update(times)
     for name in ("/world/path", "/world/lidar", "/world/lidar/right", "/world/lidar/labels"):
         assert entities[name] == {3, 4}
+
+
+def test_an_error_of_the_network_is_not_taken_for_one_of_the_file(tmp_path):
+    recording = pytest.importorskip("runtime.pictures.recording")
+
+    def failing():
+        raise InferenceError("the image network failed")
+        yield
+
+    with pytest.raises(InferenceError, match="the image network failed"):
+        recording.record(tmp_path / "a.rrd", failing())
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from runtime import MosRunner
 from runtime import bundle as module
 from runtime.bundle import default_bundle_path, load_bundle
 from runtime.errors import BundleError
@@ -183,5 +184,6 @@ def test_the_default_bundle_is_found(monkeypatch, tmp_path, place):
 def test_a_default_bundle_without_training_is_refused(monkeypatch, tmp_path):
     monkeypatch.setattr(module, "__file__", str(tmp_path / "runtime" / "bundle.py"))
     shutil.copytree(TINY, tmp_path / "runtime" / "default_bundle")
-    with pytest.raises(BundleError, match="not trained"):
-        load_bundle()
+    for load in (load_bundle, MosRunner):
+        with pytest.raises(BundleError, match="not trained"):
+            load()

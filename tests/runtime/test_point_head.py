@@ -216,6 +216,9 @@ def test_wrong_input_leaves_the_engine_usable():
         (xyz, valid, FeatureMap(image[:4], pixel, 8)),
         (xyz, valid, FeatureMap(image, pixel[1:], 8)),
         (xyz, valid, FeatureMap(image, pixel, 12)),
+        (xyz, valid, FeatureMap(image[0], pixel, 8)),
+        (xyz, valid, FeatureMap(image, pixel.astype(np.int64), 8)),
+        (xyz, valid, FeatureMap(image, pixel + 10**6, 8)),
         (xyz, valid, features, valid[1:]),
     ):
         with pytest.raises(ScanError):

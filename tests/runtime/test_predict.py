@@ -182,6 +182,16 @@ def test_another_postprocessing_is_refused(made, bundle, runner, tmp_path):
         predict(open_sequence(made), other, tmp_path)
 
 
+@pytest.mark.parametrize("key", ["precision", "version", "refine", "manifest_sha256"])
+def test_what_labels_depend_on_is_noted(made, runner, tmp_path, key):
+    sequence = open_sequence(made, limit=2)
+    predict(sequence, runner, tmp_path)
+    note = tmp_path / "sequences" / "07" / "run.json"
+    note.write_text(json.dumps(json.loads(note.read_text()) | {key: "another"}))
+    with pytest.raises(SettingError, match=key):
+        predict(sequence, runner, tmp_path)
+
+
 @pytest.mark.parametrize("text", [None, "{", "[]", json.dumps({"bundle": "other"})])
 def test_predictions_of_unknown_origin_are_not_continued(made, runner, tmp_path, text):
     sequence = open_sequence(made, limit=2)

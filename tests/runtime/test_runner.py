@@ -100,9 +100,12 @@ def test_points_without_place(runner):
     scan[6, 2] = np.inf
     scan[8, 3] = np.nan  # remission alone
     result = run(runner, [*frames[:-1], (scan, frames[-1][1])])[-1]
-    assert not result.moving[[3, 5, 6]].any()
-    assert (result.probability[[3, 5, 6]] == 0).all()
+    assert not result.moving[[3, 5, 6, 8]].any()
+    assert (result.probability[[3, 5, 6, 8]] == 0).all()
     assert np.isfinite(result.probability).all()
+    rest = np.delete(scan, [3, 5, 6, 8], axis=0)
+    without = run(runner, [*frames[:-1], (rest, frames[-1][1])])[-1]
+    np.testing.assert_array_equal(np.delete(result.probability, [3, 5, 6, 8]), without.probability)
 
 
 def test_places_do_not_depend_on_bad_points_before(runner):
@@ -111,8 +114,52 @@ def test_places_do_not_depend_on_bad_points_before(runner):
     want = run(runner, frames)[-1].probability
     bad = np.full((50, 4), np.nan, np.float32)
     bad[::2] = 0
+    bad[1::4] = 4, 3, 0, np.inf
     worse = [(np.concatenate([scan, bad]), pose) for scan, pose in frames[:-1]]
     np.testing.assert_array_equal(run(runner, [*worse, frames[-1]])[-1].probability, want)
+
+
+@pytest.mark.parametrize("time", ["now", float("nan"), object(), 10**400])
+def test_a_time_that_is_none_is_refused_at_once(runner, time):
+    runner.reset()
+    scan, pose = drive(1)[0]
+    for call in (runner, runner.remember):
+        with pytest.raises(SettingError, match="seconds"):
+            call(scan, pose, time)
+    runner(scan, pose, np.float64(3))
+    runner(scan, pose, np.int64(3) + 0.1)
+
+
+def test_where_warnings_are_errors_a_jump_leaves_the_history(runner):
+    frames = drive(10)
+    want = run(runner, frames)[-1].probability
+    run(runner, frames[:9])
+    far = np.eye(4)
+    far[0, 3] = 500
+    with pytest.raises(MosWarning, match="jumps"):
+        runner(frames[9][0], far)
+    np.testing.assert_array_equal(runner(*frames[9]).probability, want)
+
+
+def test_every_kernel_is_compiled_at_the_start():
+    code = f"""
+from runtime import MosRunner, decision, history, kernel_map, knn, projection, sparse_kernel, transfer, voxels
+import numpy as np
+runner = MosRunner({str(TINY)!r}, postprocess="head", threads=1)
+modules = decision, history, kernel_map, projection, sparse_kernel, transfer, voxels
+kernels = [k for m in modules for k in vars(m).values() if hasattr(k, "signatures") and k.__module__ == m.__name__]
+before = [len(kernel.signatures) for kernel in kernels]
+runner._head.config  # there is one
+wall = np.stack(np.broadcast_arrays(10.0, np.linspace(-9, 9, 400), 0.1, 0.5), 1).astype(np.float32)
+from runtime import runner as module
+module.CANDIDATE = -1.0
+runner(wall, np.eye(4))
+late = [kernel.__name__ for kernel, n in zip(kernels, before) if len(kernel.signatures) != n]
+assert not late, late
+assert sum(before) > 20
+"""
+    done = in_fresh_process(code)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("scan", [np.empty((0, 4), np.float32), np.full((3, 4), np.nan, np.float32), np.zeros((1, 4))])

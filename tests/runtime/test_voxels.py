@@ -135,3 +135,6 @@ def test_wrong_shapes():
         voxelise(np.zeros((4, 4), np.float32), SIZE, Workers(1))
     with pytest.raises(ScanError, match="mask"):
         voxelise(np.zeros((4, 3), np.float32), SIZE, Workers(1), np.ones(3, bool))
+    for near in ((np.ones(5, bool), 1), (np.ones(4, bool), -1)):
+        with pytest.raises(ScanError, match=r"near must be a mask \(4,\) and a distance"):
+            voxelise(np.zeros((4, 3), np.float32), SIZE, Workers(1), None, near)

@@ -2,6 +2,7 @@
 
 import os
 import threading
+import time
 
 import pytest
 
@@ -67,3 +68,36 @@ def test_close_and_use_again():
     seen = []
     workers.each(seen.append, 4)
     assert len(seen) == 4
+
+
+def test_without_new_threads_the_caller_does_it_all(monkeypatch):
+    def refuse(self):
+        raise RuntimeError("can't start new thread")
+
+    workers, seen = Workers(3), []
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    workers.each(seen.append, 5)
+    monkeypatch.undo()
+    workers.each(seen.append, 3)
+    assert seen[:5] == [0, 1, 2, 3, 4]
+    assert sorted(seen[5:]) == [0, 1, 2]
+
+
+def test_nothing_goes_on_after_an_interrupt():
+    """The helper is in a task when the caller is interrupted: `each` waits for it, and it takes no other."""
+    workers, started, done = Workers(2), threading.Event(), []
+    caller = threading.get_ident()
+
+    def task(i):
+        if threading.get_ident() == caller:
+            started.wait(20)
+            raise KeyboardInterrupt
+        started.set()
+        time.sleep(0.2)
+        done.append(i)
+
+    with pytest.raises(KeyboardInterrupt):
+        workers.each(task, 50)
+    assert len(done) == 1
+    time.sleep(0.3)
+    assert len(done) == 1
