@@ -70,7 +70,7 @@ def export_checkpoint(
     trained: bool | None = None,
     threads: int = 2,
     point_head_onnx: bool = False,
-    precision: str = "float32",
+    precision: str | None = "float32",
     int8: Settings | None = None,
 ) -> Export:
     """Write the bundle of a checkpoint to `out` and compare the two; a bundle that disagrees is not kept.
@@ -80,13 +80,16 @@ def export_checkpoint(
     height, width: of the range image to export for; None: those of the checkpoint (published ones: 64 x 2048).
     trained: whether the weights are; None: what the checkpoint says.
     point_head_onnx: write the point head as an ONNX graph too, for execution providers on a GPU.
-    precision: "int8" writes the image network in 8-bit integers too, beside the float one; int8: how, see
-        `export.int8.quantise`, which raises QuantisationError, SequenceError or ScanError.
+    precision: "int8" writes the image network in 8-bit integers too, beside the float one; None: if the bundle that is
+        at `out` has that. int8: how, see `export.int8.quantise`, which raises QuantisationError, SequenceError or
+        ScanError.
 
     Raises CheckpointError, ParityError, SettingError, BundleError (`out` is something else) or OutputError.
     """
     if weights is not None and weights not in STORED:
         raise SettingError(f"weights must be stored as {' or '.join(STORED)}, not {weights!r}")
+    if precision is None:
+        precision = "int8" if int8 is not None or (out / IMAGE_NET_INT8).is_file() else "float32"
     if precision not in PRECISIONS:
         raise SettingError(f"precision must be {' or '.join(PRECISIONS)}, not {precision!r}")
     if int8 is not None and precision != "int8":
@@ -158,7 +161,7 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
     record = {
         key: value
         for key, value in training.items()
-        if key not in ("resume", "accuracy", "threshold", "head_threshold")
+        if key not in ("resume", "accuracy", "threshold", "head_threshold", "licence")
     }
     return Manifest(
         name=config.name,
@@ -177,6 +180,7 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
         decision=Decision(training.get("threshold"), training.get("head_threshold")),
         postprocess=training.get("postprocess", "head" if head else "knn"),
         accuracy=plain(training.get("accuracy", {})),
+        licence=training.get("licence", "unknown"),
     )
 
 
@@ -228,8 +232,12 @@ def export_command(
         bool, typer.Option("--point-head-onnx", help="Write the point head as an ONNX graph too, for GPUs.")
     ] = False,
     precision: Annotated[
-        str, typer.Option(help="float32, or int8: the image network in 8-bit integers too, calibrated and judged.")
-    ] = "float32",
+        str | None,
+        typer.Option(
+            help="float32, or int8: the image network in 8-bit integers too, calibrated and judged.",
+            show_default="that of the bundle that is there, else float32",
+        ),
+    ] = None,
     calibration: Annotated[
         Path | None,
         typer.Option(
@@ -254,7 +262,7 @@ def export_command(
         threads,
         point_head_onnx,
         precision,
-        None if calibration is None and precision != "int8" else Settings(calibration=calibration, threads=threads),
+        None if calibration is None else Settings(calibration=calibration, threads=threads),
     )
     show(done, checkpoint)
 

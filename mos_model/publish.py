@@ -6,9 +6,10 @@ streets without a mover stay quiet. Traffic is light, as on most streets; traini
 and a threshold chosen on them would raise false alarms.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -85,15 +86,25 @@ def calibrate(found: Checkpoint, streets: int, frames: int = 2) -> tuple[Histogr
     return pixels, points
 
 
+def data_of(training: Mapping[str, Any]) -> str:
+    """What a run was trained on, in words."""
+    data = training.get("data", {})
+    if isinstance(data, str):  # of a checkpoint that was published before
+        return data
+    root = data.get("root")
+    return f"recorded scans in {Path(root).name}" if root else "simulated streets of mos_model.simulator"
+
+
 def publish(
     checkpoint: Annotated[Path, typer.Argument(help="Checkpoint of a run")],
     out: Annotated[Path, typer.Argument(help="Checkpoint that ships")],
     streets: Annotated[int, typer.Option(help="Simulated streets for the thresholds; 5 x without movers")] = 40,
     name: Annotated[str | None, typer.Option(help="Of the bundle", show_default="the network's")] = None,
     postprocess: Annotated[str | None, typer.Option(help="none, knn or head: the bundle's default")] = None,
-    data: Annotated[str, typer.Option(help="What the weights were trained on, for the manifest")] = (
-        "simulated streets of mos_model.simulator"
-    ),
+    data: Annotated[
+        str | None, typer.Option(help="What the weights were trained on", show_default="what the run says")
+    ] = None,
+    licence: Annotated[str, typer.Option(help="Of the weights, for the manifest")] = "unknown",
 ) -> None:
     """Write the checkpoint that ships."""
     found = load(checkpoint)
@@ -109,7 +120,8 @@ def publish(
         "head_threshold": head_threshold,
         "postprocess": postprocess or ("head" if found.point_head is not None else "knn"),
         "trained": True,
-        "data": data,
+        "data": data or data_of(found.training),
+        "licence": licence,
         "step": found.training.get("step"),
     }
     config = found.config if name is None else replace(found.config, name=name)

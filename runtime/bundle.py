@@ -70,7 +70,7 @@ class Manifest:
     postprocess: str = "none"  # "none", "knn" or "head": what a runner does unless told otherwise
     parity: Mapping[str, Any] = field(default_factory=dict)  # largest differences from PyTorch
     accuracy: Mapping[str, Any] = field(default_factory=dict)
-    licence: str = "MIT"
+    licence: str = "unknown"  # of the weights
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from runtime.scans import read_scan
 from runtime.sequence import PoseFiles
 
 KITTI_AXES = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])  # T_camera_lidar, roughly
+PERIOD = 0.1  # s between scans of SemanticKITTI, and of the simulated streets
 SHIFT = 3  # scans by which poses are tried earlier and later
 FITS = 0.3  # m, median distance between static surroundings that fall together
 STANDS = 0.3  # m, motion of a point 10 m away that is none
@@ -57,7 +58,7 @@ def _beside(values: np.ndarray, i: int) -> float:
 
 
 def check_times(file: Path, scans: int) -> list[Finding]:
-    """Gaps in KITTI's times.txt, one time in s a scan; nothing to say where there is none."""
+    """Rate and gaps in KITTI's times.txt, one time in s a scan; nothing to say where there is none."""
     if not file.is_file():
         return []
     try:
@@ -73,6 +74,9 @@ def check_times(file: Path, scans: int) -> list[Finding]:
     gaps = [f"{i} to {i + 1} ({step:.2f} s)" for i, step in enumerate(steps) if not 0.5 * usual < step < 1.5 * usual]
     if gaps:
         return [Finding("warn", "times", f"time jumps from {some(gaps)}, usual are {usual:.2f} s: scans missing?")]
+    if not 0.75 * PERIOD < usual < 1.5 * PERIOD:
+        text = f"{usual:.3g} s a scan, no gap; networks are trained at {PERIOD:g} s, and see motion that much weaker or"
+        return [Finding("warn", "times", f"{text} stronger: thin the scans out, or train at your rate")]
     return [Finding("ok", "times", f"{usual:.2f} s a scan, no gap")]
 
 

@@ -31,7 +31,7 @@ class Samples:
     ranges: npt.NDArray[np.float64]  # (M,) m
     elevations: npt.NDArray[np.float64]  # (M,) degrees
     remissions: npt.NDArray[np.float64]  # (M,)
-    beams: int  # of the scan in the middle, as far as can be told
+    beams: int  # of a scan of median size, as far as can be told
 
     @classmethod
     def of(cls, scans: list[Scan]) -> "Samples":
@@ -48,7 +48,7 @@ class Samples:
             ranges=ranges,
             elevations=elevations,
             remissions=points[:, 3],
-            beams=count_beams(scans[len(scans) // 2]),
+            beams=count_beams(sorted(scans, key=len)[len(scans) // 2]),
         )
 
 
@@ -60,15 +60,18 @@ def check_files(scans: tuple[Path, ...]) -> list[Finding]:
     gaps = [f"{a} to {b}" for a, b in pairwise(numbers) if b - a > np.median(steps)]
     if gaps and len(numbers) == len(scans) and max(steps) < 1e6:
         found.append(Finding("warn", "scans", f"file names jump from {some(gaps)}: scans are missing there"))
-    sizes = []
+    sizes: dict[str, int] = {}
     for scan in scans:
         try:
-            sizes.append(count_points(scan))
+            sizes[scan.name] = count_points(scan)
         except ScanError as error:
             found.append(Finding("bad", "scans", str(error)))
-    usual = np.median(sizes) if sizes else 0
-    small = [scan.name for scan, size in zip(scans, sizes, strict=False) if size < usual / 2]
-    if small and len(sizes) == len(scans):
+    usual = np.median(list(sizes.values())) if sizes else 0
+    empty = [name for name, size in sizes.items() if size == 0]
+    small = [name for name, size in sizes.items() if 0 < size < usual / 2]
+    if empty:
+        found.append(Finding("warn", "scans", f"{some(empty)}: no points; every residual image needs its scan"))
+    if small:
         found.append(Finding("warn", "scans", f"{some(small)}: less than half the usual {usual:,.0f} points"))
     if not any(finding.level == "bad" for finding in found):
         found.append(Finding("ok", "scans", f"{len(scans)} scans of about {usual:,.0f} points"))
@@ -101,6 +104,9 @@ def check_points(samples: Samples) -> list[Finding]:
 def _check_remission(remissions: npt.NDArray[np.float64]) -> Finding:
     low, high = remissions.min(), remissions.max()
     text = f"from {low:.3g} to {high:.3g}, mean {remissions.mean():.3g}"
+    if low < -1:
+        text += ": the network needs 0..1, and none is negative; are the records 4 float32 each, x y z remission?"
+        return Finding("bad", "remission", text)
     if high > 1.5:
         full = 255 if high <= 255 else 65535
         return Finding("bad", "remission", f"{text}: the network needs 0..1; divide by {full}")

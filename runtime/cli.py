@@ -109,7 +109,8 @@ def run(
 
     try:
         runner = MosRunner(bundle, threads=threads, postprocess=postprocess.value if postprocess else None)
-        for one in sequences:
+        for folder, one in zip(folders, sequences, strict=True):
+            _warn_of_misfits(folder, runner.bundle.manifest.sensor, poses, calib, pose_frame)
             show_summary(one.name, predict_with_progress(one, runner, out, overwrite))
     except KeyboardInterrupt:
         typer.echo("mos: interrupted. Finished predictions are kept; the same command goes on from there", err=True)
@@ -333,6 +334,17 @@ def _need(extra: str, *packages: str) -> None:
         raise MissingPackageError(
             f"mos {extra} needs {' and '.join(missing)}, not installed here: pip install 'lidar-mos[{extra}]'"
         )
+
+
+def _warn_of_misfits(
+    folder: Path, sensor: "Sensor", poses: Path | None, calib: Path | None, pose_frame: str | None
+) -> None:
+    """Say on stderr what makes the labels of a sequence worthless, such as poses in another frame."""
+    from runtime.doctor import diagnose
+
+    for finding in diagnose(folder, sensor, poses, calib, pose_frame):
+        if finding.level == "bad":
+            typer.echo(f"mos: {folder}: {finding.topic}: {finding.text}. The labels will be wrong", err=True)
 
 
 def _sensor(bundle: Path | None) -> "Sensor | None":

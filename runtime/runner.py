@@ -22,7 +22,7 @@ from runtime.image_net import ImageNet, provider_name
 from runtime.inputs import ImageInput, InputBuilder
 from runtime.jit import is_cached
 from runtime.knn import MOVING, knn_vote
-from runtime.onnx_head import choose_head
+from runtime.onnx_head import ENGINES, choose_head
 from runtime.poses import check_pose
 from runtime.precision import choose_precision
 from runtime.projection import project_scan
@@ -93,6 +93,10 @@ class MosRunner:
             raise SettingError(f"refine must be 'near' or 'all', not {refine!r}")
         if self.postprocess == "head" and manifest.point_head is None:
             raise SettingError(f"bundle {manifest.name!r} has no point head: choose postprocess 'knn' or 'none'")
+        if head_engine not in ENGINES:
+            raise SettingError(f"head_engine must be one of {', '.join(ENGINES)}, not {head_engine!r}")
+        if isinstance(providers, str):
+            raise SettingError(f"providers must be a list of names, as [{providers!r}]")
         self.refine = refine
         self._inputs = InputBuilder(manifest.sensor, manifest.residual, self.workers)
         names = [provider_name(given) for given in providers or ()]

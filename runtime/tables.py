@@ -137,7 +137,7 @@ def _words(values: Mapping[str, Any], prefix: str = "") -> str:
         elif isinstance(value, list | tuple):
             parts.append(f"{name} {_numbers(value) or 'none'}")
         else:
-            parts.append(f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}")
+            parts.append(f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}")
     return ", ".join(part for part in parts if part)
 
 

@@ -74,7 +74,10 @@ def pair(predictions: str | Path, truth: str | Path, names: tuple[str, ...] = ()
         made, known = by_stem(guessed[name]), by_stem(true[name])
         if not known:
             problems.append(f"{true[name]}: holds no .label files")
-        problems += [f"{guessed[name] / file.name}: missing" for stem, file in known.items() if stem not in made]
+        absent = [f"{guessed[name] / file.name}: missing" for stem, file in known.items() if stem not in made]
+        if absent:
+            absent[0] += f" (as are {len(absent) - 1} more; `mos run` goes on where it stopped)"
+        problems += absent
         if extra := made.keys() - known.keys():
             notes.append(f"sequence {name}: {len(extra)} predictions of scans without labels are left out")
         scans = scans_of(true[name])

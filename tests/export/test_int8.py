@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -227,6 +228,17 @@ def test_the_command(checkpoint, tmp_path, monkeypatch, capsys):
     manifest = json.loads((tmp_path / "bundle" / "manifest.json").read_text())
     assert manifest["accuracy"]["int8"]["calibration"].endswith("20000000")
     assert load_bundle(tmp_path / "bundle").image_net("int8").is_file()
+
+
+def test_a_bundle_keeps_its_integers_unless_told_otherwise(first, checkpoint, tmp_path, monkeypatch):
+    monkeypatch.setattr(Settings, "__init__", functools.partialmethod(Settings.__init__, streets=1, judging=1))
+    out = shutil.copytree(first.path, tmp_path / "kept")
+    assert main(["--checkpoint", str(checkpoint), "--out", str(out)]) == 0
+    assert (out / "image_net_int8.onnx").is_file()
+    assert main(["--checkpoint", str(checkpoint), "--out", str(out), "--precision", "float32"]) == 0
+    assert not (out / "image_net_int8.onnx").exists()
+    assert main(["--checkpoint", str(checkpoint), "--out", str(out)]) == 0
+    assert not (out / "image_net_int8.onnx").exists()
 
 
 def test_settings_that_cannot_be_are_errors(checkpoint, tmp_path):

@@ -7,7 +7,7 @@ import torch
 from mos_model import checkpoint
 from mos_model.config import named_config
 from mos_model.network import build_image_network, build_point_head
-from mos_model.publish import BINS, QUIET, Histogram, calibrate, publish
+from mos_model.publish import BINS, QUIET, Histogram, calibrate, data_of, publish
 from runtime.head_config import PointHeadConfig
 from runtime.sensor import Sensor
 
@@ -43,16 +43,29 @@ def test_quiet_scans_bound_the_threshold():
     assert histogram.best_threshold(most=0.4) == (pytest.approx(0.6), 1.0)
 
 
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        ({"root": None, "profile": "hdl64e"}, "simulated streets of mos_model.simulator"),
+        ({"root": "/data/semantic-kitti", "train": ["00"]}, "recorded scans in semantic-kitti"),
+        ("what was written before", "what was written before"),
+    ],
+)
+def test_what_weights_were_trained_on_is_what_the_run_says(data, words):
+    assert data_of({"data": data}) == words
+
+
 def test_published_checkpoint(tmp_path):
     torch.manual_seed(0)
     config = named_config("rt-head", 4, rt_widths=(4, 4, 4, 4), point_head=HEAD, sensor=Sensor(height=16, width=64))
     network, head = build_image_network(config), build_point_head(config)
     checkpoint.save(tmp_path / "last.pt", config, network, head, {"step": 7})
-    publish(tmp_path / "last.pt", tmp_path / "ship" / "checkpoint.pt", streets=1, name="small")
+    publish(tmp_path / "last.pt", tmp_path / "ship" / "checkpoint.pt", streets=1, name="small", licence="MIT")
     found = checkpoint.load(tmp_path / "ship" / "checkpoint.pt")
     assert found.config.name == "small"
     assert found.training["step"] == 7
     assert found.training["postprocess"] == "head"
+    assert found.training["licence"] == "MIT"
     pixels, points = calibrate(checkpoint.load(tmp_path / "last.pt"), 1)
     assert found.training["threshold"] == pixels.best_threshold(QUIET)[0]
     assert found.training["head_threshold"] == points.best_threshold(QUIET)[0]

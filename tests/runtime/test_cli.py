@@ -78,6 +78,13 @@ def test_run(folder, tmp_path, capsys):
     assert "0 scans, 10 were there already" in capsys.readouterr().out
 
 
+def test_run_says_so_where_the_labels_will_be_wrong(folder, tmp_path, capsys):
+    arguments = ["--bundle", str(BUNDLE), "--pose-frame", "lidar", "--postprocess", "none", "--out", str(tmp_path)]
+    assert main(["run", str(folder), *arguments]) == 0
+    said = capsys.readouterr().err
+    assert re.search(r"mos: .*07: alignment: .*The labels will be wrong", said), said
+
+
 def test_run_of_the_first_scans_with_lidar_poses(folder, tmp_path, capsys):
     arguments = ["--bundle", str(BUNDLE), "--limit", "2", "--pose-frame", "lidar", "--postprocess", "knn"]
     assert main(["run", str(folder), "--out", str(tmp_path), *arguments]) == 0

@@ -144,6 +144,21 @@ def test_negative_remission(folder):
     only(folder, "warn", "remission", "needs 0..1")
 
 
+def test_records_of_five_floats(folder):
+    for path in (folder / "velodyne").iterdir():
+        scan = read_scan(path)
+        scan = scan[: len(scan) // 4 * 4]
+        np.insert(scan, 4, np.arange(len(scan)) % 32, axis=1).astype(np.float32).tofile(path)
+    assert any(level == "bad" and "4 float32 each" in text for level, text in levels(folder))
+
+
+@pytest.mark.parametrize("name", ["000006", "000007"])
+def test_an_empty_scan(folder, name):
+    (folder / "velodyne" / f"{name}.bin").write_bytes(b"")
+    assert ("warn", f"{name}.bin: no points; every residual image needs its scan") in levels(folder, "scans")
+    assert "about 32 beams" in levels(folder, "rows")[0][1]
+
+
 def test_millimetres(folder):
     change_scans(folder, scale(slice(0, 3), 1000))
     assert any(level == "bad" and "millimetres" in text for level, text in levels(folder))
@@ -243,6 +258,8 @@ def test_times(folder):
     times[9:] += 0.3
     (folder / "times.txt").write_text("\n".join(f"{time:e}" for time in times))
     only(folder, "warn", "times", "8 to 9 (0.40 s)")
+    (folder / "times.txt").write_text("\n".join(f"{0.05 * i:e}" for i in range(14)))
+    only(folder, "warn", "times", "0.05 s a scan", "trained at 0.1 s")
     (folder / "times.txt").write_text("0.1 0.2")
     only(folder, "warn", "times", "2 times for 14 scans")
     (folder / "times.txt").write_text("now")

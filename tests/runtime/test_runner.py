@@ -277,6 +277,8 @@ def test_remember_goes_on_as_if_it_had_run(runner):
         ({"refine": "some"}, SettingError, "refine"),
         ({"providers": ["NoSuchProvider"]}, ProviderError, "NoSuchProvider"),
         ({"providers": ["CUDAExecutionProvider"]}, ProviderError, "onnxruntime-gpu"),
+        ({"providers": "CPUExecutionProvider"}, SettingError, "list of names"),
+        ({"head_engine": "spconv", "postprocess": "none"}, SettingError, "auto, numba, onnx"),
         ({"precision": "int8"}, BundleError, "int8"),
         ({"bundle": "no/such/folder"}, BundleError, "no bundle"),
     ],
