@@ -124,7 +124,7 @@ def shipped() -> list[Path]:
     return sorted(manifest.parent for manifest in (ROOT / "models").glob("*/manifest.json"))
 
 
-def systems_of(bundles: list[Path], threads: int) -> dict[str, Callable[[], Labeller]]:
+def systems_of(bundles: list[Path], threads: int, precision: str) -> dict[str, Callable[[], Labeller]]:
     """The threshold, and every bundle with every post-processing that it has."""
     systems: dict[str, Callable[[], Labeller]] = {"residual threshold, untrained": residual_threshold}
     for bundle in bundles:
@@ -132,7 +132,8 @@ def systems_of(bundles: list[Path], threads: int) -> dict[str, Callable[[], Labe
         if load_bundle(bundle).manifest.point_head is not None:
             kinds.append("head")
         for kind in kinds:
-            systems[f"{bundle.name}, {kind}"] = with_runner(MosRunner(bundle, threads=threads, postprocess=kind))
+            runner = MosRunner(bundle, threads=threads, postprocess=kind, precision=precision)
+            systems[f"{bundle.name}, {kind}"] = with_runner(runner)
     return systems
 
 
@@ -142,6 +143,7 @@ def bench(
     streets: Annotated[int, typer.Option(help="Simulated test streets")] = 60,
     frames: Annotated[int, typer.Option(help="Scored scans of each")] = 2,
     quiet: Annotated[int, typer.Option(help="Simulated scans without a mover")] = 200,
+    precision: Annotated[str, typer.Option(help="auto, float32 or int8, of the image networks")] = "auto",
     threads: int = 2,
     out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
 ) -> None:
@@ -152,7 +154,7 @@ def bench(
         sets["real 90"] = [real(kitti / "sequences/90")]
         alarms["real 00, frames 8-10"] = [real(kitti / "sequences/00", limit=11)]
     others, left_out = peers()
-    systems = systems_of(bundles or shipped(), threads)
+    systems = systems_of(bundles or shipped(), threads, precision)
     systems |= {name: with_peer(start) for name, start in others.items()}
     rows: dict[str, dict[str, float | None]] = {name: {} for name in systems}
     for title, drives in sets.items():
@@ -165,7 +167,7 @@ def bench(
     show("moving class, %", rows)
     for name, reason in left_out.items():
         typer.echo(f"left out: {name}: {reason}")
-    setting = {"streets": streets, "frames": frames, "quiet": quiet}
+    setting = {"streets": streets, "frames": frames, "quiet": quiet, "precision": precision}
     save(out, threads, {**setting, "percent": rows, "left_out": left_out, "peers": versions()})
 
 

@@ -18,12 +18,12 @@ started = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) + ticks / os.sys
 from pathlib import Path
 import numpy as np
 from runtime import MosRunner
-scan = np.load(sys.argv[2])
-runner = MosRunner(sys.argv[1], threads=int(sys.argv[3]), refine="all")
-runner(scan, np.eye(4))
+drive = np.load(sys.argv[2])
+runner = MosRunner(sys.argv[1], threads=int(sys.argv[3]))
+runner(drive["scan0"], drive["pose0"])
 first = time.time() - started
-for _ in range(int(sys.argv[4])):
-    runner(scan, np.eye(4))
+for i in range(1, len(drive.files) // 2):
+    runner(drive[f"scan{i}"], drive[f"pose{i}"])
 print(json.dumps([first, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024]))
 """
 
@@ -50,7 +50,7 @@ def bench(
     sequence: Annotated[Path | None, typer.Option(help="A KITTI sequence; else a simulated street")] = None,
     threads: int = 2,
     rounds: int = 5,
-    scans: Annotated[int, typer.Option(help="Scans after the first, for the peak of memory")] = 10,
+    scans: Annotated[int, typer.Option(help="Scans after the first, for the peak of memory")] = 30,
     out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
 ) -> None:
     """From the start of a process to its first result, kernels compiled before; peak resident memory."""
@@ -60,17 +60,19 @@ def bench(
 
     from bench.scans import load_frames
 
-    scan = load_frames(sequence, 1)[0][0]
+    frames = load_frames(sequence, 1 + scans)
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "scan.npy"
-        np.save(path, scan)
-        command = [sys.executable, "-c", CHILD, str(bundle), str(path), str(threads), str(scans)]
+        path = Path(folder) / "drive.npz"
+        scans_and_poses = {f"scan{i}": scan for i, (scan, _) in enumerate(frames)}
+        np.savez(path, **scans_and_poses, **{f"pose{i}": pose for i, (_, pose) in enumerate(frames)})
+        command = [sys.executable, "-c", CHILD, str(bundle), str(path), str(threads)]
         runs = []
         for _ in range(rounds + 1):
             done = subprocess.run(command, capture_output=True, text=True, check=True)
             runs.append(json.loads(done.stdout.splitlines()[-1]))
     first, peak = zip(*runs[1:], strict=True)
-    show(f"start to first result, {len(scan)} points, {threads} threads, ms", {str(bundle): summary(list(first))})
+    points = len(frames[0][0])
+    show(f"start to first result, {points} points, {threads} threads, ms", {str(bundle): summary(list(first))})
     typer.echo(f"peak resident memory: {max(peak):.0f} MB")
     sizes = dict(sorted(installed_sizes("lidar-mos", {}).items(), key=lambda item: -item[1]))
     rows = {name: {"MB": round(size, 1)} for name, size in (sizes | {"together": sum(sizes.values())}).items()}

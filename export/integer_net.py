@@ -12,7 +12,7 @@ from export.channels_last import integer_operations
 from export.graph import Graph, to_model
 from export.integer_blocks import with_integer_forms
 from export.layout import means_to_pools, shuffle_blocks, spread_factors, spread_gates
-from export.quantise import integer_values, layers, quantised, roots
+from export.quantise import LARGEST, integer_values, layers, quantised, roots
 from export.rewrite import fold_norms
 from export.shifts import carry_shifts, to_relu
 from export.tracing import trace
@@ -26,10 +26,10 @@ class Prepared:
     layers: dict[str, list[str]]  # convolutions that may compute in integers (names of outputs), by layer
     ranges: dict[str, tuple[float, float]]  # of every value that may become integers
 
-    def pairs(self, floats: Collection[str] = ()) -> Graph:
-        """The graph with Quantize and Dequantize pairs; `floats` are layers that stay in float."""
+    def pairs(self, floats: Collection[str] = (), largest: int = LARGEST) -> Graph:
+        """The graph with Quantize and Dequantize pairs; `floats` stay in float, `largest` see `quantised`."""
         chosen = {output for layer, outputs in self.layers.items() if layer not in floats for output in outputs}
-        return quantised(self.graph, chosen, self.ranges)
+        return quantised(self.graph, chosen, self.ranges, largest)
 
     def model(self, floats: Collection[str] = ()) -> bytes:
         """The ONNX model in integer operations; `floats` are layers that stay in float."""

@@ -40,11 +40,11 @@ class Params:
         return np.clip(np.rint(values / self.scale) + self.zero, 0, 255).astype(np.uint8)
 
 
-def kernel_integers(kernel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Integers -LARGEST..LARGEST (O, I, kh, kw) int8, and the scale (O,) f32 of every output channel."""
+def kernel_integers(kernel: np.ndarray, largest: int = LARGEST) -> tuple[np.ndarray, np.ndarray]:
+    """Integers -largest..largest (O, I, kh, kw) int8, and the scale (O,) f32 of every output channel."""
     peak = np.abs(kernel).reshape(len(kernel), -1).max(1)
-    scale = np.float32(np.maximum(peak, 1e-8) / LARGEST)
-    return np.clip(np.rint(kernel / scale[:, None, None, None]), -LARGEST, LARGEST).astype(np.int8), scale
+    scale = np.float32(np.maximum(peak, 1e-8) / largest)
+    return np.clip(np.rint(kernel / scale[:, None, None, None]), -largest, largest).astype(np.int8), scale
 
 
 def layers(graph: Graph) -> list[str]:
@@ -127,17 +127,22 @@ def parameters(
     return {name: Params.of(*own[origin[name]]) for name in values}
 
 
-def quantised(graph: Graph, convolutions: Collection[str], ranges: Mapping[str, tuple[float, float]]) -> Graph:
-    """The graph with those `convolutions` (names of their outputs) and what lies between them in integers."""
+def quantised(
+    graph: Graph, convolutions: Collection[str], ranges: Mapping[str, tuple[float, float]], largest: int = LARGEST
+) -> Graph:
+    """The graph with those `convolutions` (names of their outputs) and what lies between them in integers.
+
+    largest: of a kernel's integers; above LARGEST only to be computed in float, for comparison.
+    """
     values = integer_values(graph, convolutions)
-    return _Writer(graph, values, parameters(graph, values, ranges)).write()
+    return _Writer(graph, values, parameters(graph, values, ranges), largest).write()
 
 
 class _Writer:
     """Copies a graph, node by node, with integers where there should be."""
 
-    def __init__(self, graph: Graph, values: Mapping[str, bool], params: Mapping[str, Params]) -> None:
-        self.old, self.values, self.params = graph, values, params
+    def __init__(self, graph: Graph, values: Mapping[str, bool], params: Mapping[str, Params], largest: int) -> None:
+        self.old, self.values, self.params, self.largest = graph, values, params, largest
         self.new = Graph(
             weights=dict(graph.weights), shapes=dict(graph.shapes), inputs=list(graph.inputs), _count=graph._count
         )
@@ -233,7 +238,7 @@ class _Writer:
 
     def _kernel(self, node: Node) -> Iterator[str]:
         """Kernel and bias of a convolution; the bias in steps of what one unit of the sum is worth."""
-        integers, scale = kernel_integers(self.old.weights[node.inputs[1]].folded())
+        integers, scale = kernel_integers(self.old.weights[node.inputs[1]].folded(), self.largest)
         step = np.float32(scale * self.params[node.inputs[0]].scale)
         bias = np.clip(np.rint(bias_of(self.old, node) / step), -(2**31), 2**31 - 1).astype(np.int32)
         for values, steps, zero in ((integers, scale, np.int8), (bias, step, np.int32)):

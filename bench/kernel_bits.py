@@ -1,0 +1,42 @@
+"""What kernels of 7 bits cost against 8, whose sums saturate without VNNI: `python -m bench.kernel_bits CHECKPOINT`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.report import save, show
+from export.graph import to_model
+from export.int8 import CALIBRATION_STREETS, EXACT_BELOW, JUDGING_STREETS, Judge, simulated
+from export.integer_net import prepare
+from export.to_onnx import Outputs, onnx_bytes
+from mos_model.checkpoint import load
+
+LARGEST = {"7 bits": 64, "8 bits": 127}  # of a kernel's integers
+
+
+def bench(
+    checkpoint: Annotated[Path, typer.Argument(help="A trained checkpoint of lidar-mos")],
+    streets: Annotated[int, typer.Option(help="Simulated streets for the ranges, two scans each")] = 8,
+    judging: Annotated[int, typer.Option(help="Simulated streets for the loss, two scans each")] = 16,
+    threads: int = 2,
+    out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
+) -> None:
+    """IoU of the moving class, pixels, in %; the integers are computed in float, where no sum saturates."""
+    found = load(checkpoint)
+    config = found.config
+    images = [scene.image for scene in simulated(config.sensor, config.residual, CALIBRATION_STREETS, streets)]
+    prepared = prepare(Outputs(found.image_net).eval(), images[0].shape, images, EXACT_BELOW)
+    scenes = simulated(config.sensor, config.residual, JUDGING_STREETS, judging)
+    float_model = onnx_bytes(found.image_net, images[0].shape)
+    judge = Judge(float_model, scenes, found.training.get("threshold"), threads)
+    rows = {}
+    for name, largest in LARGEST.items():
+        loss = judge.loss(to_model(prepared.pairs(largest=largest)).SerializeToString())
+        rows[name] = {"float": loss.before, "int8": loss.after, "difference of a probability": loss.difference}
+    show(f"{config.name}: IoU of the moving class, {len(scenes)} simulated scans, %", rows)
+    save(out, threads, {"checkpoint": config.name, "scans": len(scenes), "percent": rows})
+
+
+if __name__ == "__main__":
+    typer.run(bench)
