@@ -96,7 +96,7 @@ def test_the_file_keeps_its_keys(tmp_path, monkeypatch):
     file = tmp_path / "accuracy.json"
     accuracy.bench([BUNDLE], streets=1, frames=3, quiet=10, threads=1, out=file)
     found = json.loads(file.read_text())
-    assert set(found) == {"machine", "streets", "frames", "quiet", "percent", "left_out", "peers"}
+    assert set(found) == {"machine", "streets", "frames", "quiet", "precision", "percent", "left_out", "peers"}
     assert found["left_out"] == {"other": HINT}
     assert set(found["percent"]) == {"residual threshold, untrained", "bundle, none", "bundle, knn", "bundle, head"}
     columns = ["simulated iou", "simulated precision", "simulated recall", "quiet streets false alarms"]
