@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -41,7 +42,7 @@ def installed_sizes(name: str, seen: dict[str, float]) -> dict[str, float]:
     seen[name.lower()] = sum(path.stat().st_size for path in paths if path.is_file()) / 1e6
     for requirement in distribution.requires or []:
         if "extra ==" not in requirement:
-            installed_sizes(requirement.split(";")[0].split("[")[0].strip().rstrip("<>=!~ 0123456789.,"), seen)
+            installed_sizes(re.split(r"[^\w.-]", requirement)[0], seen)
     return seen
 
 
