@@ -112,7 +112,10 @@ def run(
         for folder, one in zip(folders, sequences, strict=True):
             _warn_of_misfits(folder, runner.bundle.manifest.sensor, poses, calib, pose_frame)
             show_summary(one.name, predict_with_progress(one, runner, out, overwrite))
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        # in the moment in which Numba hands a result over, an interrupt comes out as the cause of a SystemError
+        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
         typer.echo("mos: interrupted. Finished predictions are kept; the same command goes on from there", err=True)
         raise typer.Exit(130) from None
 

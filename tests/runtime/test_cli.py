@@ -181,6 +181,23 @@ def test_doctor(folder, tmp_path, capsys):
     assert re.search(r"^bad +alignment", shown, re.MULTILINE)
 
 
+@pytest.mark.parametrize("cause", [KeyboardInterrupt(), ValueError()])
+def test_an_interrupt_inside_of_numba(folder, tmp_path, capsys, monkeypatch, cause):
+    """Numba turns what is raised while it hands over a result into a SystemError."""
+
+    def interrupted(*arguments):
+        raise SystemError("returned a result with an exception set") from cause
+
+    monkeypatch.setattr("runtime.progress.predict_with_progress", interrupted)
+    arguments = ["run", str(folder), "--out", str(tmp_path), "--bundle", str(BUNDLE)]
+    if isinstance(cause, KeyboardInterrupt):
+        assert main(arguments) == 130
+        assert "goes on from there" in capsys.readouterr().err
+    else:
+        with pytest.raises(SystemError):
+            main(arguments)
+
+
 def test_an_interrupt_keeps_what_is_finished(tmp_path):
     folder = street.write_kitti(tmp_path / "05", 12, rows=16, columns=120)
     many = tmp_path / "many"
