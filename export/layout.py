@@ -3,6 +3,8 @@
 import numpy as np
 
 from export.graph import Graph, Node
+from export.rewrite import bias_of
+from export.shifts import set_convolution
 
 PASSING = ("Relu", "LeakyRelu")
 
@@ -40,7 +42,9 @@ def spread_gates(graph: Graph) -> None:
         for name in node.inputs:
             way = _way_to_gate(graph, name)
             if way and channels != 1:
-                _repeat(graph, way[-1], int(channels))
+                conv, count = way[-1], int(channels)
+                kernel = graph.weights[conv.inputs[1]].folded()
+                set_convolution(graph, conv, kernel.repeat(count, axis=0), bias_of(graph, conv).repeat(count))
                 for step in way:
                     graph.shapes[step.output] = (1, channels, *graph.shapes[step.output][2:])
 
@@ -58,14 +62,6 @@ def _way_to_gate(graph: Graph, name: str) -> list[Node]:
             return []
         name = node.inputs[0]
     return []
-
-
-def _repeat(graph: Graph, conv: Node, channels: int) -> None:
-    """Let a convolution with one output channel have `channels` of them."""
-    names = [f"{conv.output}.{kind}" for kind in ("gate", "bias")]
-    parts = [graph.weights[name].folded() for name in conv.inputs[1:]]
-    repeated = [graph.weight(name, part.repeat(channels, axis=0)) for name, part in zip(names, parts, strict=False)]
-    conv.inputs = [conv.inputs[0], *repeated]
 
 
 def shuffle_blocks(graph: Graph) -> None:

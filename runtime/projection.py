@@ -116,9 +116,8 @@ def project_scan(points, scale, min_range, max_range, pixel, distance, first, ne
     """Project the current scan, points (N, 4) f32.
 
     Writes for every point pixel (N,) int32 (-1: at the origin, or not finite, remission too) and distance (N,) f32 m;
-    for every pixel first (H * W) int32, the nearest
-    point (-1: none), nearest (H * W) f32 m, its range (infinity: none), and limited, the same of only the points
-    with min_range < r < max_range.
+    for every pixel first (H * W) int32, the nearest point (-1: none), nearest (H * W) f32 m, its range (infinity:
+    none), and limited, the same of only the points with min_range < r < max_range.
     """
     nearest[:] = np.float32(np.inf)
     limited[:] = np.float32(np.inf)

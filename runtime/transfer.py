@@ -10,7 +10,6 @@ from runtime.voxels import Voxels
 from runtime.workers import Workers
 
 _GRAIN = 1024  # voxels per task
-_NOTHING = np.zeros(0, np.int32)
 
 
 class FeatureMap(NamedTuple):
@@ -30,10 +29,7 @@ def features_to_voxels(
     """
     table = given.features.reshape(len(given.features), -1)
     share = given.width // given.features.shape[2]
-    if mean:
-        order, starts, pick = voxels.order, voxels.starts, _mean_features
-    else:
-        order, starts, pick = voxels.first, _NOTHING, _pick_features
+    order, starts, pick = voxels.order, voxels.starts, _mean_features if mean else _pick_features
     workers.ranges(lambda a, b: pick(table, given.pixel, share, order, starts, out, a, b), len(voxels.keys), _GRAIN)
     return out
 
@@ -74,7 +70,7 @@ def classify(
 
 
 @kernel
-def _pick_features(table, pixel, share, first, _, out, start, stop):  # type: ignore[no-untyped-def]
+def _pick_features(table, pixel, share, order, starts, out, start, stop):  # type: ignore[no-untyped-def]
     """Copies blocks channel by channel: kind to the caches whichever of the table's axes comes first in memory."""
     channels = table.shape[0]
     block = np.empty((16, 1024), np.float32)
@@ -87,7 +83,7 @@ def _pick_features(table, pixel, share, first, _, out, start, stop):  # type: ig
             width = min(16, channels - group)
             for c in range(width):
                 for i in range(number):
-                    at = pixel[first[low + i]]
+                    at = pixel[order[starts[low + i]]]
                     block[c, i] = table[group + c, at // share] if at >= 0 else np.float32(0)
             for i in range(number):
                 for c in range(width):

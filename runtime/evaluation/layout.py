@@ -76,7 +76,7 @@ def pair(predictions: str | Path, truth: str | Path, names: tuple[str, ...] = ()
             problems.append(f"{true[name]}: holds no .label files")
         absent = [f"{guessed[name] / file.name}: missing" for stem, file in known.items() if stem not in made]
         if absent:
-            absent[0] += f" (as are {len(absent) - 1} more; `mos run` goes on where it stopped)"
+            absent[0] += f" (1 of {len(absent)}; `mos run` goes on where it stopped)"
         problems += absent
         if extra := made.keys() - known.keys():
             notes.append(f"sequence {name}: {len(extra)} predictions of scans without labels are left out")
