@@ -14,6 +14,9 @@ from torch.nn import functional as F
 
 from mos_model.blocks import MetaKernel, SoftPool, act
 
+CENTRE = 4  # of the nine pixels of a 3x3 window, row by row
+NEIGHBOURS = (0, 1, 2, 3, 5, 6, 7, 8)
+
 
 def with_blocked_forms(network: nn.Module) -> nn.Module:
     """A copy of `network` with each SoftPool and MetaKernel in its form for ONNX Runtime."""
@@ -49,23 +52,30 @@ class BlockedSoftPool(nn.Module):
 
 
 class BlockedMetaKernel(nn.Module):
-    """MetaKernel (paper, Sec. III-A); conv1 of (neighbour - centre) is one 3x3 convolution with two taps."""
+    """MetaKernel (paper, Sec. III-A); conv1 of (neighbour - centre) is one 3x3 convolution with two taps.
+
+    The centre differs from itself by nothing, so its weights are the same for every pixel: with those of conv1x1 they
+    make one convolution.
+    """
 
     def __init__(self, block: MetaKernel) -> None:
         super().__init__()
         self.bias, self.conv2, self.conv1x1 = block.conv1.bias, block.conv2, block.conv1x1
         self.register_buffer("copy", copies(3))
-        difference = self.copy - self.copy[4]  # (9, 1, 1, 3, 3)
+        difference = self.copy - self.copy[CENTRE]  # (9, 1, 1, 3, 3)
         self.register_buffer("near", block.conv1.weight.detach() * difference)  # (9, 16, 5, 3, 3)
+        with torch.no_grad():
+            same = self.conv2(act(self.bias)[None, :, None, None])  # (1, c, 1, 1)
+            self.register_buffer("centre", self.conv1x1.weight[:, CENTRE::9] * same)  # (c, c, 1, 1)
+
+    def weight(self, x: Tensor, j: int) -> Tensor:
+        """(B, c, H, W): weights of neighbour j from the coordinates (B, 5, H, W)."""
+        return self.conv2(act(F.conv2d(x, self.near[j], self.bias, padding=1)))
 
     def forward(self, x: Tensor, features: Tensor) -> Tensor:
         c = features.shape[1]
-        out = None
-        for j in range(9):
-            hidden = act(F.conv2d(x, self.near[j], self.bias, padding=1))  # (B, 16, H, W)
-            weight = self.conv2(hidden)  # (B, c, H, W)
-            neighbour = F.conv2d(features, self.copy[j].expand(c, 1, 3, 3), padding=1, groups=c) if j != 4 else features
-            bias = self.conv1x1.bias if j == 0 else None
-            part = F.conv2d(weight * neighbour, self.conv1x1.weight[:, j::9], bias)  # (B, c, H, W)
-            out = part if out is None else out + part
+        out = F.conv2d(features, self.centre, self.conv1x1.bias)  # (B, c, H, W)
+        for j in NEIGHBOURS:
+            neighbour = F.conv2d(features, self.copy[j].expand(c, 1, 3, 3), padding=1, groups=c)
+            out = out + F.conv2d(self.weight(x, j) * neighbour, self.conv1x1.weight[:, j::9])  # (B, c, H, W)
         return out

@@ -11,11 +11,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from export.blocked import BlockedMetaKernel
+from export.blocked import NEIGHBOURS, BlockedMetaKernel
 from export.emitters import emits
 from export.graph import Graph
 from export.tracing import Tracer
-from mos_model.blocks import MetaKernel, SoftPool, act
+from mos_model.blocks import MetaKernel, SoftPool
 
 LARGEST_EXPONENT = 80.0  # exp(-80) is still a normal float32
 
@@ -45,26 +45,24 @@ class IntegerSoftPool(nn.Module):
 
 
 class IntegerMetaKernel(BlockedMetaKernel):
-    """MetaKernel (paper, Sec. III-A): products side by side, three at a time, so that a convolution sums them up."""
+    """MetaKernel (paper, Sec. III-A): products side by side, four at a time, so that a convolution sums them up."""
 
     def __init__(self, block: MetaKernel) -> None:
         super().__init__(block)
         weight = block.conv1x1.weight.detach()  # (c, 9c, 1, 1), input channel = channel * 9 + j
-        rows = [torch.cat([weight[:, j::9] for j in range(i, i + 3)], 1) for i in (0, 3, 6)]
-        self.register_buffer("rows", torch.stack(rows))  # (3, c, 3c, 1, 1), input channel = (j % 3) * c + channel
+        self.halves = (NEIGHBOURS[:4], NEIGHBOURS[4:])  # eight products side by side would not fit the cache
+        kernels = [torch.cat([weight[:, j::9] for j in half], 1) for half in self.halves]
+        self.register_buffer("joined", torch.stack(kernels))  # (2, c, 4c, 1, 1)
 
     def forward(self, x: Tensor, features: Tensor) -> Tensor:
         height, width = x.shape[-2:]
         around = F.pad(features, (1, 1, 1, 1))  # (B, c, H+2, W+2)
-        products = []
-        for j in range(9):
-            weight = self.conv2(act(F.conv2d(x, self.near[j], self.bias, padding=1)))  # (B, c, H, W)
-            products.append(weight * around[..., j // 3 : j // 3 + height, j % 3 : j % 3 + width])
-        rows = []  # nine products side by side would not fit the cache
-        for i in range(3):
-            bias = self.conv1x1.bias if i == 0 else None
-            rows.append(F.conv2d(torch.cat(products[3 * i : 3 * i + 3], 1), self.rows[i], bias))  # (B, c, H, W)
-        return rows[0] + rows[1] + rows[2]  # (B, c, H, W)
+        out = F.conv2d(features, self.centre, self.conv1x1.bias)  # (B, c, H, W)
+        for kernel, half in zip(self.joined, self.halves, strict=True):
+            near = [around[..., j // 3 : j // 3 + height, j % 3 : j % 3 + width] for j in half]
+            products = [self.weight(x, j) * part for j, part in zip(half, near, strict=True)]
+            out = out + F.conv2d(torch.cat(products, 1), kernel)  # (B, c, H, W)
+        return out
 
 
 def with_integer_forms(network: nn.Module) -> nn.Module:

@@ -11,9 +11,9 @@ from export.calibration import find_ranges, mean_leaks
 from export.channels_last import integer_operations
 from export.graph import Graph, to_model
 from export.integer_blocks import with_integer_forms
-from export.layout import means_to_pools, shuffle_blocks, spread_factors, spread_gates
+from export.layout import balance_joins, means_to_pools, shuffle_blocks, spread_factors, spread_gates
 from export.quantise import LARGEST, integer_values, layers, quantised, roots
-from export.rewrite import fold_norms
+from export.rewrite import fold_norms, trim_kernels
 from export.shifts import carry_shifts, to_relu
 from export.tracing import trace
 
@@ -45,6 +45,7 @@ def prepare(network: nn.Module, shape: tuple[int, ...], images: Sequence[np.ndar
     names = {node.output: node.inputs[1] for node in graph.nodes if node.op == "Conv"}
     to_relu(graph, mean_leaks(graph, images))
     fold_norms(graph)
+    trim_kernels(graph)
     carry_shifts(graph, exact_below)
     means_to_pools(graph)
     spread_factors(graph)
@@ -57,4 +58,6 @@ def prepare(network: nn.Module, shape: tuple[int, ...], images: Sequence[np.ndar
         layer = name.removeprefix("network.").removesuffix(".weight")
         found.setdefault(layer, []).append(output)
     values = integer_values(graph, chosen)
-    return Prepared(graph, found, find_ranges(graph, {*values, *roots(graph, values).values()}, images))
+    ranges = find_ranges(graph, {*values, *roots(graph, values).values()}, images)
+    balance_joins(graph, ranges)
+    return Prepared(graph, found, ranges)

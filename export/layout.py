@@ -1,4 +1,4 @@
-"""Rewriting for the integer graph, whose maps have the channels last: pixel shuffles, gates and factors of channels."""
+"""Rewriting for the integer graph, whose maps have the channels last: pixel shuffles, joins, gates, factors."""
 
 import numpy as np
 
@@ -7,6 +7,8 @@ from export.rewrite import bias_of
 from export.shifts import set_convolution
 
 PASSING = ("Relu", "LeakyRelu")
+SHUFFLING = ("DepthToSpace", "Resize")
+LARGEST_FACTOR = 256.0  # by which a part of a concatenation is multiplied or divided
 
 
 def means_to_pools(graph: Graph) -> None:
@@ -77,31 +79,76 @@ def shuffle_blocks(graph: Graph) -> None:
         size = node.attributes["blocksize"]
         c = channels // size**2
         order = np.arange(channels).reshape(c, size * size).T.reshape(-1)
-        makers = _makers(graph, node.inputs[0])
-        if makers is None:
+        way = _way_back(graph, node.inputs[0], PASSING)
+        if way is None:
             continue
-        for maker in makers:
+        for maker in _with_weights(graph, way):
             _reorder(graph, maker, order)
         node.attributes = node.attributes | {"mode": "DCR"}
     graph.sweep()
 
 
-def _makers(graph: Graph, name: str) -> list[Node] | None:
-    """Nodes with weights for every channel whose order decides that of `name`; None where others look at it too."""
+def balance_joins(graph: Graph, ranges: dict[str, tuple[float, float]]) -> None:
+    """Let parts of a concatenation have ranges of one width, so that they can share their scale.
+
+    A part is multiplied where it is made, by what the convolution behind the concatenation divides its kernel by;
+    `ranges` are changed with it. Parts that something else takes too stay as they are: the others follow them.
+    """
+    for join in [node for node in graph.nodes if node.op == "Concat" and ranges.keys() >= set(node.inputs)]:
+        after = graph.consumers(join.output)
+        if len(after) != 1 or after[0].op != "Conv" or after[0].attributes["group"] != 1:
+            continue
+        widths = [ranges[name][1] - ranges[name][0] for name in join.inputs]
+        ways = [_way_back(graph, name, (*PASSING, *SHUFFLING)) for name in join.inputs]
+        fixed = [width for width, way in zip(widths, ways, strict=True) if way is None]
+        first = 0
+        for name, width, way in zip(join.inputs, widths, ways, strict=True):
+            channels = slice(first, first + int(graph.shapes[name][1]))
+            first = channels.stop
+            factor = max(fixed or widths) / max(width, 1e-6)
+            if way is None or not 1 / LARGEST_FACTOR <= factor <= LARGEST_FACTOR:
+                continue
+            for maker in _with_weights(graph, way):
+                _multiply(graph, maker, factor)
+            for output in {node.output for node in way} & set(ranges):
+                ranges[output] = (ranges[output][0] * factor, ranges[output][1] * factor)
+            kernel = graph.weights[after[0].inputs[1]].folded().astype(np.float64)
+            kernel[:, channels] /= factor
+            set_convolution(graph, after[0], kernel, bias_of(graph, after[0]))
+    graph.sweep()
+
+
+def _way_back(graph: Graph, name: str, through: tuple[str, ...]) -> list[Node] | None:
+    """The nodes between `name` and the convolutions that made it; None where something else takes a value on the way.
+
+    through: operations of one map that may lie on it, beside sums.
+    """
     node = graph.producer(name)
     if node is None or len(graph.consumers(name)) != 1 or name in graph.outputs:
         return None
     if node.op == "Conv" and node.attributes["group"] == 1:
         return [node]
-    if node.op in PASSING:
-        return _makers(graph, node.inputs[0])
-    if node.op == "Add" and node.inputs[1] in graph.weights:
-        before = _makers(graph, node.inputs[0])
+    if node.op in through or (node.op == "Add" and node.inputs[1] in graph.weights):
+        before = _way_back(graph, node.inputs[0], through)
         return None if before is None else [*before, node]
     if node.op == "Add":
-        parts = [_makers(graph, part) for part in node.inputs]
-        return None if None in parts else [maker for part in parts for maker in part or []]
+        parts = [_way_back(graph, part, through) for part in node.inputs]
+        return None if None in parts else [step for part in parts for step in part or []] + [node]
     return None
+
+
+def _with_weights(graph: Graph, nodes: list[Node]) -> list[Node]:
+    """Those with weights for every channel: convolutions, and sums with a constant."""
+    return [n for n in nodes if n.op == "Conv" or (n.op == "Add" and n.inputs[1] in graph.weights)]
+
+
+def _multiply(graph: Graph, node: Node, factor: float) -> None:
+    if node.op == "Conv":
+        kernel = graph.weights[node.inputs[1]].folded() * factor
+        set_convolution(graph, node, kernel, bias_of(graph, node) * factor)
+    else:
+        values = np.float32(graph.weights[node.inputs[1]].folded() * factor)
+        node.inputs = [node.inputs[0], graph.weight("shift", values)]
 
 
 def _reorder(graph: Graph, node: Node, order: np.ndarray) -> None:

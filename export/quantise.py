@@ -15,6 +15,7 @@ from export.rewrite import bias_of
 from export.shifts import shift_of
 
 LARGEST = 64  # of a kernel's integers
+LARGEST_SHARE = 4  # times as wide may a range be that a part of a concatenation shares: it keeps 6 of its 8 bits
 BINARY = ("Add", "Mul", "Concat")  # in integers where one of their inputs is
 UNARY = ("Relu", "LeakyRelu", "Sigmoid", "GlobalAveragePool")  # in integers where their input is
 MOVING = ("Slice", "Pad", "DepthToSpace", "Resize", "Reshape", "Transpose")  # integers move as they are
@@ -115,15 +116,15 @@ def roots(graph: Graph, values: Mapping[str, bool]) -> dict[str, str]:
 def parameters(
     graph: Graph, values: Mapping[str, bool], ranges: Mapping[str, tuple[float, float]]
 ) -> dict[str, Params]:
-    """Scale and zero point of every value. Parts of a concatenation share them where none is negative."""
+    """Scale and zero point of every value; parts of a concatenation share them unless one were left with few steps."""
     origin = roots(graph, values)
     own = {name: ranges[origin[name]] for name in values}
     for node in graph.nodes:
         if node.op == "Concat" and values.get(node.output):
-            parts = {origin[name] for name in node.inputs}
-            if all(own[name][0] >= 0 for name in parts):
-                high = max(own[name][1] for name in [*parts, node.output])
-                own.update(dict.fromkeys([*parts, node.output], (0.0, high)))
+            names = {node.output, *(origin[name] for name in node.inputs)}
+            low, high = min(0.0, *(own[name][0] for name in names)), max(own[name][1] for name in names)
+            if all(high - low <= LARGEST_SHARE * (own[name][1] - min(0.0, own[name][0])) for name in names):
+                own.update(dict.fromkeys(names, (low, high)))
     return {name: Params.of(*own[origin[name]]) for name in values}
 
 

@@ -1,4 +1,4 @@
-"""Rewriting of the graph: BatchNorms go into convolutions wherever that is exact."""
+"""Rewriting of the graph: BatchNorms go into convolutions wherever that is exact, kernels lose borders of zeros."""
 
 import numpy as np
 
@@ -15,6 +15,36 @@ def fold_norms(graph: Graph) -> None:
         if node.op == "BatchNormalization" and node.output not in graph.outputs:
             _fold_before(graph, node) or _fold_after(graph, node)
     graph.sweep()
+
+
+def trim_kernels(graph: Graph) -> None:
+    """Cut rows and columns of zeros off the borders of kernels, where what the convolution pads can follow."""
+    for node in graph.nodes:
+        if node.op == "Conv" and node.attributes["dilations"] == [1, 1]:
+            weight = graph.weights[node.inputs[1]]
+            kernel, pads = weight.values, list(node.attributes["pads"])
+            for axis in (0, 1):
+                kernel, pads[axis], pads[axis + 2] = _trimmed(graph, node, kernel, axis)
+            if kernel.shape != weight.values.shape:
+                trimmed = graph.weight(node.inputs[1], kernel, weight.scale)
+                node.inputs = [node.inputs[0], trimmed, *node.inputs[2:]]
+                node.attributes = node.attributes | {"kernel_shape": list(kernel.shape[2:]), "pads": pads}
+    graph.sweep()
+
+
+def _trimmed(graph: Graph, node: Node, kernel: np.ndarray, axis: int) -> tuple[np.ndarray, int, int]:
+    """The kernel without rows (axis 0) or columns (axis 1) of zeros at its ends, and the padding before and after."""
+    before, after = node.attributes["pads"][axis], node.attributes["pads"][axis + 2]
+    used = np.flatnonzero(np.moveaxis(kernel, axis + 2, 0).reshape(kernel.shape[axis + 2], -1).any(1))
+    if not len(used):
+        return kernel, before, after
+    first, stride = min(int(used[0]), before), node.attributes["strides"][axis]
+    pixels, results = (int(graph.shapes[name][axis + 2]) for name in (node.inputs[0], node.output))
+    for end in range(int(used[-1]) + 1, kernel.shape[axis + 2] + 1):  # the first end that leaves the size of the result
+        left = max(0, after - (kernel.shape[axis + 2] - end))
+        if (pixels + before + left - end) // stride + 1 == results:
+            return kernel.take(range(first, end), axis=axis + 2), before - first, left
+    raise AssertionError("the whole kernel gives the result's size")
 
 
 def _fold_before(graph: Graph, norm: Node) -> bool:

@@ -18,7 +18,7 @@ from export.int8 import Settings, quantise
 from export.parity import Parity, check_parity
 from export.published import Source, understand
 from export.reader import read_tensors
-from export.rewrite import fold_norms
+from export.rewrite import fold_norms, trim_kernels
 from export.tracing import trace
 from export.write import file_entry, head_arrays, plain, replacing, rounded_to_half, write_manifest, write_point_head
 from runtime.bundle import (
@@ -121,6 +121,7 @@ def onnx_bytes(network: nn.Module, shape: tuple[int, ...]) -> bytes:
     """The ONNX model of an image network for an image of `shape` (1, channels, H, W)."""
     graph = trace(with_blocked_forms(Outputs(network)), shape)
     fold_norms(graph)
+    trim_kernels(graph)
     return to_model(graph).SerializeToString(deterministic=True)
 
 

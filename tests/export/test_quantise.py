@@ -12,7 +12,7 @@ from export import calibration
 from export.channels_last import integer_operations
 from export.graph import Graph, to_model
 from export.integer_net import prepare
-from export.layout import spread_gates
+from export.layout import balance_joins, spread_gates
 from export.quantise import LARGEST, Params, kernel_integers, quantised
 from export.shifts import carry_shifts, to_relu
 from export.to_onnx import Outputs
@@ -129,6 +129,49 @@ def test_integer_operations_give_the_integers_of_the_pairs(name):
         assert np.abs(a - b).mean() < 1e-3 * np.abs(b).max()
 
 
+def join_graph(channels=(3, 5), widths=(1.0, 20.0)):
+    """Two convolutions, the second of them read twice, side by side before a third; and the ranges of all."""
+    rng = np.random.default_rng(0)
+    graph = Graph(inputs=["image"], shapes={"image": (1, 4, 8, 8)})
+    settings = {"kernel_shape": [1, 1], "strides": [1, 1], "pads": [0] * 4, "dilations": [1, 1], "group": 1}
+
+    def convolution(x, i, o, size=1.0):
+        kernel, bias = rng.normal(size=(o, i, 1, 1)) * size, rng.normal(size=o) * size
+        names = [x, graph.weight("kernel", np.float32(kernel)), graph.weight("bias", np.float32(bias))]
+        return graph.add("Conv", names, (1, o, 8, 8), **settings)
+
+    x = graph.add("Relu", ["image"], (1, 4, 8, 8))
+    sizes = zip(channels, widths, strict=True)
+    parts = [graph.add("Relu", [convolution(x, 4, c, width / 10)], (1, c, 8, 8)) for c, width in sizes]
+    join = graph.add("Concat", parts, (1, sum(channels), 8, 8), axis=1)
+    graph.finish(convolution(join, sum(channels), 6), "sum")
+    graph.finish(graph.add("Neg", [parts[1]], graph.shapes[parts[1]]), "other")
+    ranges = {"relu_1": (0.0, 3.0), "sum": (-9.0, 9.0), join: (0.0, max(widths))}
+    for part, width in zip(parts, widths, strict=True):
+        ranges |= {part: (0.0, width), graph.producer(part).inputs[0]: (-width, width)}
+    return graph, parts, ranges
+
+
+def test_a_narrow_part_of_a_join_is_made_wider_and_nothing_else_changes():
+    graph, parts, ranges = join_graph()
+    x = image(0, (1, 4, 8, 8))
+    before = run(graph, x, ["sum", "other"])
+    balance_joins(graph, ranges)
+    assert ranges[parts[0]] == ranges[parts[1]] == (0.0, 20.0)
+    for kept, balanced in zip(before, run(graph, x, ["sum", "other"]), strict=True):
+        np.testing.assert_allclose(balanced, kept, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize(("widths", "op"), [((19.0, 20.0), "Concat"), ((1.0, 20.0), "QLinearConcat")])
+def test_parts_of_a_join_share_a_scale_unless_few_steps_would_be_left(widths, op):
+    graph, _, ranges = join_graph(widths=widths)
+    lowered = integer_operations(quantised(graph, [n.output for n in graph.nodes if n.op == "Conv"], ranges))
+    assert [node.op for node in lowered.nodes if "Concat" in node.op] == [op]
+    x = np.abs(image(0, (1, 4, 8, 8)))
+    want, got = run(graph, x, ["sum"])[0], run(lowered, x, ["sum"])[0]
+    assert np.abs(np.clip(want, -9, 9) - got).mean() < 0.15
+
+
 @pytest.mark.parametrize("name", ["v1", "rt"])
 def test_gates_of_whole_maps_give_the_same(name):
     graph = trace(network(name), SHAPE)
@@ -175,8 +218,9 @@ def test_first_last_and_meta_kernel_geometry_stay_in_float(prepared):
     assert "logits3" not in prepared.layers
     assert "downCntx.conv1" not in prepared.layers
     assert not any("near" in layer for layer in prepared.layers)
-    assert {"downCntx.conv2", "metaConv.conv2", "metaConv.rows", "upBlock4.conv4"} <= set(prepared.layers)
-    assert len(prepared.layers["metaConv.rows"]) == 3
+    assert {"downCntx.conv2", "metaConv.conv2", "metaConv.joined", "upBlock4.conv4"} <= set(prepared.layers)
+    assert len(prepared.layers["metaConv.joined"]) == 2
+    assert len(prepared.layers["metaConv.conv2"]) == 8
 
 
 def test_the_same_network_gives_the_same_bytes(prepared):
