@@ -79,7 +79,7 @@ def shuffle_blocks(graph: Graph) -> None:
         size = node.attributes["blocksize"]
         c = channels // size**2
         order = np.arange(channels).reshape(c, size * size).T.reshape(-1)
-        way = _way_back(graph, node.inputs[0], PASSING)
+        way = _way_back(graph, node.inputs[0], PASSING) if len(graph.consumers(node.inputs[0])) == 1 else None
         if way is None:
             continue
         for maker in _with_weights(graph, way):
@@ -91,18 +91,22 @@ def shuffle_blocks(graph: Graph) -> None:
 def balance_joins(graph: Graph, ranges: dict[str, tuple[float, float]]) -> None:
     """Let parts of a concatenation have ranges of one width, so that they can share their scale.
 
-    A part is multiplied where it is made, by what the convolution behind the concatenation divides its kernel by;
-    `ranges` are changed with it. Parts that something else takes too stay as they are: the others follow them.
+    A part is multiplied where it is made, by what the kernels of the convolutions that take it are divided by; `ranges`
+    are changed with it. Parts that something else takes too stay as they are: the others follow them.
     """
     for join in [node for node in graph.nodes if node.op == "Concat" and ranges.keys() >= set(node.inputs)]:
         after = graph.consumers(join.output)
-        if len(after) != 1 or after[0].op != "Conv" or after[0].attributes["group"] != 1:
+        if len(after) != 1 or not _is_plain(after[0]):
             continue
         widths = [ranges[name][1] - ranges[name][0] for name in join.inputs]
-        ways = [_way_back(graph, name, (*PASSING, *SHUFFLING)) for name in join.inputs]
+        others = [[node for node in graph.consumers(name) if node is not join] for name in join.inputs]
+        ways = [
+            _way_back(graph, name, (*PASSING, *SHUFFLING)) if all(map(_is_plain, takers)) else None
+            for name, takers in zip(join.inputs, others, strict=True)
+        ]
         fixed = [width for width, way in zip(widths, ways, strict=True) if way is None]
         first = 0
-        for name, width, way in zip(join.inputs, widths, ways, strict=True):
+        for name, width, way, takers in zip(join.inputs, widths, ways, others, strict=True):
             channels = slice(first, first + int(graph.shapes[name][1]))
             first = channels.stop
             factor = max(fixed or widths) / max(width, 1e-6)
@@ -112,10 +116,15 @@ def balance_joins(graph: Graph, ranges: dict[str, tuple[float, float]]) -> None:
                 _multiply(graph, maker, factor)
             for output in {node.output for node in way} & set(ranges):
                 ranges[output] = (ranges[output][0] * factor, ranges[output][1] * factor)
-            kernel = graph.weights[after[0].inputs[1]].folded().astype(np.float64)
-            kernel[:, channels] /= factor
-            set_convolution(graph, after[0], kernel, bias_of(graph, after[0]))
+            for node, part in ((after[0], channels), *((taker, slice(None)) for taker in takers)):
+                kernel = graph.weights[node.inputs[1]].folded().astype(np.float64)
+                kernel[:, part] /= factor
+                set_convolution(graph, node, kernel, bias_of(graph, node))
     graph.sweep()
+
+
+def _is_plain(node: Node) -> bool:
+    return node.op == "Conv" and node.attributes["group"] == 1
 
 
 def _way_back(graph: Graph, name: str, through: tuple[str, ...]) -> list[Node] | None:
@@ -124,17 +133,21 @@ def _way_back(graph: Graph, name: str, through: tuple[str, ...]) -> list[Node] |
     through: operations of one map that may lie on it, beside sums.
     """
     node = graph.producer(name)
-    if node is None or len(graph.consumers(name)) != 1 or name in graph.outputs:
+    if node is None or name in graph.outputs:
         return None
-    if node.op == "Conv" and node.attributes["group"] == 1:
+    if _is_plain(node):
         return [node]
-    if node.op in through or (node.op == "Add" and node.inputs[1] in graph.weights):
-        before = _way_back(graph, node.inputs[0], through)
-        return None if before is None else [*before, node]
-    if node.op == "Add":
-        parts = [_way_back(graph, part, through) for part in node.inputs]
-        return None if None in parts else [step for part in parts for step in part or []] + [node]
-    return None
+    constant = node.op == "Add" and node.inputs[1] in graph.weights
+    if not constant and node.op not in (*through, "Add"):
+        return None
+    parts = node.inputs[:2] if node.op == "Add" and not constant else node.inputs[:1]
+    way = []
+    for part in parts:
+        before = _way_back(graph, part, through) if len(graph.consumers(part)) == 1 else None
+        if before is None:
+            return None
+        way += before
+    return [*way, node]
 
 
 def _with_weights(graph: Graph, nodes: list[Node]) -> list[Node]:
