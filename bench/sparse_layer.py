@@ -15,7 +15,7 @@ import typer
 from bench.report import brief, interleaved, save, show, summary
 from bench.scans import load_frames
 from runtime.arena import Arena
-from runtime.kernel_map import build_scales, neighbours, table_map
+from runtime.kernel_map import KernelMap, build_scales, neighbours, table_map
 from runtime.sparse_conv import convolve, pack
 from runtime.voxels import voxelise
 from runtime.workers import Workers
@@ -25,16 +25,20 @@ OTHERS = ("PyTorch, map given", "spconv")
 TOLERANCE = 1e-3  # largest difference of outputs of about 1
 
 
-def this_layer(keys: np.ndarray, features: np.ndarray, kernel: np.ndarray, threads: int) -> Layer:
+def this_layers(keys: np.ndarray, features: np.ndarray, kernel: np.ndarray, threads: int) -> dict[str, Layer]:
+    """Map and convolution, and the convolution alone."""
     workers, arena = Workers(threads), Arena()
     weights, out = pack(kernel), np.empty_like(features)
 
-    def run() -> np.ndarray:
+    def new_map(arena: Arena) -> KernelMap:
         table = neighbours(build_scales(keys, 0, arena), 0, arena, workers)[0]
-        kernel_map = table_map(table, len(keys), arena, workers, "layer")
+        return table_map(table, len(keys), arena, workers, "layer")
+
+    def run(kernel_map: KernelMap) -> np.ndarray:
         return convolve(features, kernel_map, weights, out, workers, relu=False)
 
-    return run
+    given = new_map(Arena())
+    return {"this": lambda: run(new_map(arena)), "this, map given": lambda: run(given)}
 
 
 def torch_layer(keys: np.ndarray, features: np.ndarray, kernel: np.ndarray, threads: int) -> Layer:
@@ -84,9 +88,9 @@ def compare(keys: np.ndarray, coords: np.ndarray, channels: int, threads: int, r
     random = np.random.default_rng(1)
     features = random.normal(size=(len(keys), channels)).astype(np.float32)
     kernel = random.normal(0, 0.05, (27, channels, channels)).astype(np.float32)
-    tasks = {"this": this_layer(keys, features, kernel, threads)}
+    tasks = this_layers(keys, features, kernel, threads)
     expected = tasks["this"]().copy()
-    rows: dict[str, Any] = {"this": {}}
+    rows: dict[str, Any] = {name: {} for name in tasks}
     for name, make, where in zip(OTHERS, (torch_layer, spconv_layer), (keys, coords), strict=True):
         try:
             tasks[name] = make(where, features, kernel, threads)

@@ -69,7 +69,7 @@ def build_scales(keys: NDArray[np.int64], depth: int, arena: Arena, name: str = 
             coarse_keys = arena.take(f"{name}keys{level + 1}", (coarse,), np.int64)
             starts = arena.take(f"{name}starts{level + 1}", (coarse + 1,), np.int32)
             child = arena.take(f"{name}child{level + 1}", (coarse + 1, 8), np.int32)
-            child[:] = len(keys)
+            child[coarse] = len(keys)
             _coarsen(keys, parent, coarse_keys, starts, child)
             keys = coarse_keys
     return scales
@@ -134,16 +134,22 @@ def up_map(fine: Scale, count_coarse: int, arena: Arena, workers: Workers, name:
     return KernelMap(inputs, outputs, starts, tile, count_coarse, count, pairs)
 
 
+@compiled
+def _levels(context, difference):  # type: ignore[no-untyped-def]
+    """Digits of three bits that an int64 above 0 has."""
+
+    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        bits = builder.sub(ir.Constant(ir.IntType(64), 66), builder.ctlz(args[0], ir.Constant(ir.IntType(1), True)))
+        return builder.udiv(bits, ir.Constant(ir.IntType(64), 3))
+
+    return types.int64(types.int64), generate
+
+
 @kernel
 def _count_scales(keys, sizes):  # type: ignore[no-untyped-def]
     """Number of different `keys >> 3 * level` for each level."""
     for i in range(1, keys.size):
-        difference = keys[i] ^ keys[i - 1]
-        level = 0
-        while difference:
-            level += 1
-            difference >>= 3
-        sizes[level] += 1  # the two differ at all levels below
+        sizes[_levels(keys[i] ^ keys[i - 1])] += 1  # the two differ at all levels below
     for level in range(20, -1, -1):
         sizes[level] += sizes[level + 1]
     for level in range(21):  # levels at which two neighbours differ, plus the first voxel
@@ -160,6 +166,8 @@ def _coarsen(keys, parent, coarse_keys, starts, child):  # type: ignore[no-untyp
             c += 1
             coarse_keys[c] = above
             starts[c] = v
+            for octant in range(8):
+                child[c, octant] = keys.size
         parent[v] = c
         child[c, keys[v] & 7] = v
     starts[coarse_keys.size] = keys.size
