@@ -83,7 +83,7 @@ def main(folder: Path = FOLDER) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     config = tiny_config()
     image_net, point_head = random_network(config)
-    save(folder / "checkpoint.pt", config, image_net, point_head, {"trained": False}, half=True)
+    save(folder / "checkpoint.pt", config, image_net, point_head, {"trained": False, "licence": "MIT"}, half=True)
     with tempfile.TemporaryDirectory() as work:
         export_checkpoint(folder / "checkpoint.pt", Path(work) / "bundle", point_head_onnx=True)
         shutil.copytree(Path(work) / "bundle", folder / "bundle", dirs_exist_ok=True)

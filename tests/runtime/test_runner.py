@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import threading
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 
 from runtime import MosRunner, MosWarning
 from runtime.errors import BundleError, InferenceError, PoseError, ProviderError, ScanError, SettingError
+from tests import street
 
 TINY = Path(__file__).parents[1] / "data/tiny/bundle"
 
@@ -139,6 +141,29 @@ def test_where_warnings_are_errors_a_jump_leaves_the_history(runner):
     with pytest.raises(MosWarning, match="jumps"):
         runner(frames[9][0], far)
     np.testing.assert_array_equal(runner(*frames[9]).probability, want)
+
+
+def street_poses(reading):
+    """Poses of 20 scans of a street, read rightly or wrongly."""
+    poses = street.drive(20)
+    if reading == "camera":
+        return street.TR @ poses @ np.linalg.inv(street.TR)
+    return poses if reading == "right" else np.tile(np.eye(4), (20, 1, 1))
+
+
+@pytest.mark.parametrize("reading", ["right", "camera", "none"])
+def test_poses_under_which_the_surroundings_move_are_doubted_once(runner, reading):
+    world = street.boxes()
+    scans = [street.scan(pose, world) for pose in street.drive(20)]
+    runner.reset()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for scan, pose in zip(scans, street_poses(reading), strict=True):
+            runner(scan, pose)
+    doubts = [w for w in caught if issubclass(w.category, MosWarning) and "surroundings" in str(w.message)]
+    assert len(doubts) == (reading != "right")
+    assert len(doubts) == len(caught)
+    assert all(w.filename == __file__ for w in caught)
 
 
 def test_every_kernel_is_compiled_at_the_start():
