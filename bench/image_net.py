@@ -10,7 +10,7 @@ import torch
 import typer
 
 from bench.report import interleaved, save, show, summary
-from export.int8 import CALIBRATION_STREETS, EXACT_BELOW, simulated
+from export.int8 import CALIBRATION_STREETS, simulated
 from export.integer_net import prepare
 from export.to_onnx import Outputs, onnx_bytes
 from mos_model.config import named_config
@@ -36,7 +36,7 @@ def compare(
     image = images[0][0] if int8 else np.random.default_rng(0).normal(0, 0.5, shape).astype(np.float32)
     tensor = torch.from_numpy(image[None])
     model_bytes = onnx_bytes(network, (1, *shape))
-    whole_bytes = prepare(Outputs(network), (1, *shape), images, EXACT_BELOW).model() if int8 else b""
+    whole_bytes = prepare(Outputs(network), (1, *shape), images).model() if int8 else b""
     with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
         path = Path(folder) / "image_net.onnx"
         path.write_bytes(model_bytes)

@@ -7,7 +7,7 @@ import typer
 
 from bench.report import save, show
 from export.graph import to_model
-from export.int8 import CALIBRATION_STREETS, EXACT_BELOW, JUDGING_STREETS, Judge, simulated
+from export.int8 import CALIBRATION_STREETS, JUDGING_STREETS, Judge, simulated
 from export.integer_net import prepare
 from export.to_onnx import Outputs, onnx_bytes
 from mos_model.checkpoint import load
@@ -26,7 +26,7 @@ def bench(
     found = load(checkpoint)
     config = found.config
     images = [scene.image for scene in simulated(config.sensor, config.residual, CALIBRATION_STREETS, streets)]
-    prepared = prepare(Outputs(found.image_net).eval(), images[0].shape, images, EXACT_BELOW)
+    prepared = prepare(Outputs(found.image_net).eval(), images[0].shape, images)
     scenes = simulated(config.sensor, config.residual, JUDGING_STREETS, judging)
     float_model = onnx_bytes(found.image_net, images[0].shape)
     judge = Judge(float_model, scenes, found.training.get("threshold"), threads)

@@ -1,4 +1,4 @@
-"""What the values inside a network are on the calibration scans: means of what LeakyReLUs leak, and ranges."""
+"""What the values inside a network are on the calibration scans: what LeakyReLUs take, and ranges."""
 
 import copy
 from collections.abc import Collection, Sequence
@@ -8,27 +8,37 @@ import onnxruntime as ort
 
 from export.graph import Graph, Node, to_model
 from export.integer_blocks import expand_soft_pool
-from export.shifts import leaky_convolutions
+from export.shifts import Halves, leaky_convolutions
 
 SAMPLES = 2048  # values that are looked at of each map and scan
 MOST = 8192  # of these, for the search of the range
 SHRINK = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.22, 0.16, 0.12, 0.09, 0.06, 0.04)  # parts of the largest range
 
 
-def mean_leaks(graph: Graph, images: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
-    """Mean (C,) of what each LeakyRelu behind a convolution lets through below zero, by the name of its output."""
+def halves_of(graph: Graph, images: Sequence[np.ndarray]) -> dict[str, Halves]:
+    """What each LeakyRelu behind a convolution takes, by the name of its output."""
     graph = _floating(graph)
     graph.outputs = []
-    names = [node.output for node in leaky_convolutions(graph)]
-    for node in leaky_convolutions(graph):
+    leaky = leaky_convolutions(graph)
+    for node in leaky:
         shape = graph.shapes[node.output]
-        positive = graph.add("Relu", [node.output], shape)
-        leak = graph.add("Sub", [node.output, positive], shape)
-        graph.outputs.append(graph.add("ReduceMean", [leak], shape[1:2], axes=[0, 2, 3], keepdims=0))
-    if not names:
+        above = graph.add("Relu", [node.inputs[0]], shape)
+        below = graph.add("Sub", [above, node.inputs[0]], shape)
+        for half in (above, below):
+            square = graph.add("Mul", [half, half], shape)
+            for part in (half, square):
+                graph.outputs.append(graph.add("ReduceMean", [part], shape[1:2], axes=[0, 2, 3], keepdims=0))
+        graph.outputs.append(graph.add("ReduceMax", [below], shape[1:2], axes=[0, 2, 3], keepdims=0))
+    if not leaky:
         return {}
-    every = [results for results in _run(graph, images)]
-    return {name: np.mean([results[i] for results in every], axis=0) for i, name in enumerate(names)}
+    every = _run(graph, images)
+    found = {}
+    for i, node in enumerate(leaky):
+        means = (np.mean([results[5 * i + j] for results in every], axis=0, dtype=np.float64) for j in range(4))
+        above, above_square, below, below_square = means
+        lowest = np.max([results[5 * i + 4] for results in every], axis=0)
+        found[node.output] = Halves(above, above_square - above**2, below, below_square - below**2, lowest)
+    return found
 
 
 def find_ranges(graph: Graph, names: Collection[str], images: Sequence[np.ndarray]) -> dict[str, tuple[float, float]]:

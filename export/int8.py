@@ -26,7 +26,6 @@ CALIBRATION_STREETS = 16_000_000  # seeds of the simulated streets for ranges; n
 JUDGING_STREETS = 17_000_000  # and of those on which the loss is measured
 LIMIT = 0.5  # percentage points of IoU of the moving class that may be lost
 MOST_FLOAT = 0.25  # share of the layers that may stay in float
-EXACT_BELOW = 16  # rows of an image under which shifts are exact at its border
 QUICK = 4  # scans on which single layers are judged
 
 
@@ -80,7 +79,7 @@ def quantise(
     else:
         images = recorded(settings.calibration, sensor, residual)
         source = f"{len(images)} scans of {settings.calibration.resolve().name}"
-    prepared = prepare(network, images[0].shape, images, EXACT_BELOW)
+    prepared = prepare(network, images[0].shape, images)
     scenes = simulated(sensor, residual, JUDGING_STREETS, settings.judging)
     judge = Judge(float_model, scenes, threshold, settings.threads)
     floats = choose_floats(prepared, judge, settings.limit) if trained else ()

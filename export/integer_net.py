@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from torch import nn
 
-from export.calibration import find_ranges, mean_leaks
+from export.calibration import find_ranges, halves_of
 from export.channels_last import integer_operations
 from export.graph import Graph, to_model
 from export.integer_blocks import with_integer_forms
@@ -36,17 +36,14 @@ class Prepared:
         return to_model(integer_operations(self.pairs(floats))).SerializeToString(deterministic=True)
 
 
-def prepare(network: nn.Module, shape: tuple[int, ...], images: Sequence[np.ndarray], exact_below: int) -> Prepared:
-    """Rewrite `network` for integers and find the ranges of its values on `images` (each of `shape`).
-
-    exact_below: rows under which shifts are exact at the border, see `export.shifts.carry_shifts`.
-    """
+def prepare(network: nn.Module, shape: tuple[int, ...], images: Sequence[np.ndarray]) -> Prepared:
+    """Rewrite `network` for integers and find the ranges of its values on `images` (each of `shape`)."""
     graph = trace(with_integer_forms(network), shape)
     names = {node.output: node.inputs[1] for node in graph.nodes if node.op == "Conv"}
-    to_relu(graph, mean_leaks(graph, images))
+    to_relu(graph, halves_of(graph, images))
     fold_norms(graph)
     trim_kernels(graph)
-    carry_shifts(graph, exact_below)
+    carry_shifts(graph)
     means_to_pools(graph)
     spread_factors(graph)
     spread_gates(graph)

@@ -1,19 +1,27 @@
 """Rewriting for the integer graph: BatchNorm after the activation leaves the convolution's output.
 
 A block of the paper computes s * leaky(conv(x)) + b. A positive s goes into the convolution, for leaky(s x) =
-s leaky(x). What leaky lets through below zero is small (a hundredth): its mean over the calibration scans joins b, the
-rest is dropped, so that the activation is a ReLU, which an integer convolution does by itself. What remains of the
-BatchNorm is a shift of every channel, which this module carries forward to where it costs nothing.
+s leaky(x). What remains of the BatchNorm is a shift of every channel, which this module carries forward to where it
+costs nothing. The activation becomes a ReLU, which an integer convolution does by itself: see `to_relu`.
 """
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from export.graph import Graph, Node
 from export.rewrite import bias_of
 
-WHOLE = 1 << 30  # rows: of no image
+
+class Halves(NamedTuple):
+    """What a LeakyRelu takes, by channel (C,): means and variances of max(x, 0) and of max(-x, 0)."""
+
+    above: np.ndarray
+    above_variance: np.ndarray
+    below: np.ndarray
+    below_variance: np.ndarray
+    lowest: np.ndarray  # largest of max(-x, 0)
 
 
 def leaky_convolutions(graph: Graph) -> list[Node]:
@@ -26,10 +34,13 @@ def leaky_convolutions(graph: Graph) -> list[Node]:
     return found
 
 
-def to_relu(graph: Graph, leaks: Mapping[str, np.ndarray]) -> None:
+def to_relu(graph: Graph, halves: Mapping[str, Halves]) -> None:
     """Turn conv -> LeakyRelu -> BatchNorm into conv -> Relu -> shift.
 
-    leaks: mean (C,) of what each LeakyRelu lets through below zero, by the name of its output.
+    halves: of each LeakyRelu, by the name of its output. Of a channel one half is kept, and of the other one the mean,
+    which joins the shift: mostly that above zero, for below LeakyRelu lets a hundredth through. But a channel that is
+    hardly ever above zero lives from that hundredth, since the BatchNorm has made it large again: there the straight
+    line below zero is kept, and raised so far that the Relu does not meet it.
     """
     for node in leaky_convolutions(graph):
         conv = graph.producer(node.inputs[0])
@@ -39,9 +50,12 @@ def to_relu(graph: Graph, leaks: Mapping[str, np.ndarray]) -> None:
         scale, shift = np.ones(graph.shapes[conv.output][1]), np.zeros(graph.shapes[conv.output][1])
         if norm is not None:
             scale, shift = (graph.weights[name].values.astype(np.float64) for name in norm.inputs[1:3])
-        size = np.abs(scale)
+        slope, half = node.attributes["alpha"], halves[node.output]
+        straight = (1 - slope) ** 2 * half.above_variance < slope**2 * half.below_variance
+        size = np.abs(scale) * np.where(straight, slope, 1)
+        raised = np.where(straight, size * half.lowest, 0)
         kernel = graph.weights[conv.inputs[1]].folded() * size[:, None, None, None]
-        set_convolution(graph, conv, kernel, bias_of(graph, conv) * size)
+        set_convolution(graph, conv, kernel, bias_of(graph, conv) * size + raised)
         last = norm or node
         result = graph.new_name("relu", graph.shapes[last.output])
         tail = [Node("Relu", [conv.output], result)]
@@ -49,7 +63,9 @@ def to_relu(graph: Graph, leaks: Mapping[str, np.ndarray]) -> None:
             signed = graph.new_name("sign", graph.shapes[last.output])
             tail.append(Node("Mul", [result, _constant(graph, np.sign(scale))], signed))
             result = signed
-        tail.append(Node("Add", [result, _constant(graph, shift + scale * leaks[node.output])], last.output))
+        dropped = np.where(straight, (1 - slope) * half.above, -slope * half.below)
+        shift = shift + scale * dropped - np.sign(scale) * raised
+        tail.append(Node("Add", [result, _constant(graph, shift)], last.output))
         at = graph.nodes.index(node)
         graph.nodes[at : at + 1] = tail
         if norm is not None:
@@ -57,15 +73,14 @@ def to_relu(graph: Graph, leaks: Mapping[str, np.ndarray]) -> None:
     graph.sweep()
 
 
-def carry_shifts(graph: Graph, exact_below: int = WHOLE) -> None:
+def carry_shifts(graph: Graph) -> None:
     """Move every shift forward: through sums, concatenations and pools, into the bias of convolutions.
 
-    A convolution that pads with zeros would need the shift beyond the border too. On images of fewer than `exact_below`
-    rows the shift stays in front of it; on larger ones the border pixels see the shift where zeros should be.
+    In front of a convolution that pads with zeros it stays: beyond the border there is no shift.
     """
     moved = True
     while moved:
-        moved = any(_carry(graph, node, exact_below) for node in list(graph.nodes) if shift_of(graph, node) is not None)
+        moved = any(_carry(graph, node) for node in list(graph.nodes) if shift_of(graph, node) is not None)
         graph.sweep()
 
 
@@ -77,7 +92,7 @@ def shift_of(graph: Graph, node: Node) -> np.ndarray | None:
     return values.reshape(-1).astype(np.float64) if values.ndim == 4 and values.shape[2:] == (1, 1) else None
 
 
-def _carry(graph: Graph, node: Node, exact_below: int) -> bool:
+def _carry(graph: Graph, node: Node) -> bool:
     shift = shift_of(graph, node)
     assert shift is not None
     before, after = node.inputs[0], node.output
@@ -88,19 +103,17 @@ def _carry(graph: Graph, node: Node, exact_below: int) -> bool:
         graph.replace(after, before)
         return True
     free = [c for c in consumers if c.op == "Conv" and c.attributes["group"] == 1 and not any(c.attributes["pads"])]
-    if after not in graph.outputs and all(_carriable(graph, c, exact_below) for c in consumers):
+    if after not in graph.outputs and all(_carriable(graph, c) for c in consumers):
         free = consumers
     for consumer in free:
         _pass(graph, consumer, before, after, shift)
     return bool(free)
 
 
-def _carriable(graph: Graph, node: Node, exact_below: int) -> bool:
+def _carriable(graph: Graph, node: Node) -> bool:
     """Whether a shift of every channel can stand behind `node` (or in its bias) instead of before it."""
-    rows = graph.shapes[node.output][2] if len(graph.shapes[node.output]) == 4 else 0
     if node.op == "Conv":
-        unpadded = not any(node.attributes["pads"])
-        return node.attributes["group"] == 1 and (unpadded or int(rows) >= exact_below)
+        return node.attributes["group"] == 1 and not any(node.attributes["pads"])
     if node.op == "Mul":
         return node.inputs[1] in graph.weights
     if node.op == "AveragePool":
