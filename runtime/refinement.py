@@ -16,7 +16,7 @@ from runtime.transfer import FeatureMap, features_to_voxels, to_points
 from runtime.voxels import voxelise
 from runtime.workers import Workers
 
-WARM_UP = 160  # points a side of the wall that is refined at the start: more voxels than most scans have near movers
+WARM_UP = 200  # points a side of the wall that is refined at the start: more voxels than most scans have near movers
 DEFAULT_HALO = 0.6  # m around candidates: 99.7 % of labels as with all voxels, at a third of the cost
 
 Floats = NDArray[np.float32]
