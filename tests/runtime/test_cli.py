@@ -37,6 +37,15 @@ def test_importing_the_command_is_quick():
     assert done.stdout.strip() == "[]"
 
 
+def test_the_installed_package_is_found_from_any_folder(tmp_path):
+    code = "import importlib.metadata as m; m.version('lidar-mos')"
+    if subprocess.run([sys.executable, "-I", "-c", code], capture_output=True).returncode:
+        pytest.skip("lidar-mos is not installed in this environment")
+    code = "from runtime.cli import main; main(['--version'])"
+    done = subprocess.run([sys.executable, "-I", "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_help_and_version(capsys):
     assert main(["--help"]) == 0
     assert "doctor" in capsys.readouterr().out
