@@ -3,8 +3,7 @@
 import numpy as np
 
 from export.graph import Graph, Node
-from export.rewrite import bias_of
-from export.shifts import set_convolution
+from export.rewrite import bias_of, is_plain, only_consumer, scale_kernel, set_convolution
 
 PASSING = ("Relu", "LeakyRelu")
 SHUFFLING = ("DepthToSpace", "Resize")
@@ -95,36 +94,56 @@ def balance_joins(graph: Graph, ranges: dict[str, tuple[float, float]]) -> None:
     are changed with it. Parts that something else takes too stay as they are: the others follow them.
     """
     for join in [node for node in graph.nodes if node.op == "Concat" and ranges.keys() >= set(node.inputs)]:
-        after = graph.consumers(join.output)
-        if len(after) != 1 or not _is_plain(after[0]):
+        after = only_consumer(graph, join.output)
+        if after is None or not is_plain(after):
             continue
         widths = [ranges[name][1] - ranges[name][0] for name in join.inputs]
-        others = [[node for node in graph.consumers(name) if node is not join] for name in join.inputs]
-        ways = [
-            _way_back(graph, name, (*PASSING, *SHUFFLING)) if all(map(_is_plain, takers)) else None
-            for name, takers in zip(join.inputs, others, strict=True)
-        ]
-        fixed = [width for width, way in zip(widths, ways, strict=True) if way is None]
-        first = 0
-        for name, width, way, takers in zip(join.inputs, widths, ways, others, strict=True):
+        ways = [_way_to_makers(graph, name, join) for name in join.inputs]
+        target = max([width for width, way in zip(widths, ways, strict=True) if way is None] or widths)
+        first, balanced = 0, False
+        for name, width, way in zip(join.inputs, widths, ways, strict=True):
             channels = slice(first, first + int(graph.shapes[name][1]))
             first = channels.stop
-            factor = max(fixed or widths) / max(width, 1e-6)
+            factor = target / max(width, 1e-6)
             if way is None or not 1 / LARGEST_FACTOR <= factor <= LARGEST_FACTOR:
                 continue
-            for maker in _with_weights(graph, way):
-                _multiply(graph, maker, factor)
-            for output in {node.output for node in way} & set(ranges):
-                ranges[output] = (ranges[output][0] * factor, ranges[output][1] * factor)
-            for node, part in ((after[0], channels), *((taker, slice(None)) for taker in takers)):
-                kernel = graph.weights[node.inputs[1]].folded().astype(np.float64)
-                kernel[:, part] /= factor
-                set_convolution(graph, node, kernel, bias_of(graph, node))
+            balanced = True
+            _multiply(graph, way, factor, ranges)
+            for taker in graph.consumers(name):
+                if taker is not join:
+                    _divide(graph, taker, slice(None), factor)
+            _divide(graph, after, channels, factor)
+        if balanced:
+            parts = [ranges[name] for name in join.inputs]
+            ranges[join.output] = (min(low for low, _ in parts), max(high for _, high in parts))
     graph.sweep()
 
 
-def _is_plain(node: Node) -> bool:
-    return node.op == "Conv" and node.attributes["group"] == 1
+def _way_to_makers(graph: Graph, name: str, join: Node) -> list[Node] | None:
+    """As `_way_back`, for one of the parts of `join` that only convolutions take beside it."""
+    others = [node for node in graph.consumers(name) if node is not join]
+    if join.inputs.count(name) > 1 or not all(map(is_plain, others)):
+        return None
+    return _way_back(graph, name, (*PASSING, *SHUFFLING))
+
+
+def _multiply(graph: Graph, way: list[Node], factor: float, ranges: dict[str, tuple[float, float]]) -> None:
+    """Multiply what nodes compute, and their ranges: see `_way_back`."""
+    for node in _with_weights(graph, way):
+        if node.op == "Conv":
+            scale_kernel(graph, node, np.full((1, 1, 1, 1), factor), bias_of(graph, node) * factor)
+        else:
+            values = np.float32(graph.weights[node.inputs[1]].folded() * factor)
+            node.inputs = [node.inputs[0], graph.weight("shift", values)]
+    for name in {node.output for node in way} & ranges.keys():
+        ranges[name] = (ranges[name][0] * factor, ranges[name][1] * factor)
+
+
+def _divide(graph: Graph, conv: Node, channels: slice, factor: float) -> None:
+    """Divide the kernel of a convolution for some of its inputs."""
+    factors = np.ones((1, graph.weights[conv.inputs[1]].values.shape[1], 1, 1))
+    factors[:, channels] = 1 / factor
+    scale_kernel(graph, conv, factors, bias_of(graph, conv))
 
 
 def _way_back(graph: Graph, name: str, through: tuple[str, ...]) -> list[Node] | None:
@@ -135,13 +154,13 @@ def _way_back(graph: Graph, name: str, through: tuple[str, ...]) -> list[Node] |
     node = graph.producer(name)
     if node is None or name in graph.outputs:
         return None
-    if _is_plain(node):
+    if is_plain(node):
         return [node]
     constant = node.op == "Add" and node.inputs[1] in graph.weights
     if not constant and node.op not in (*through, "Add"):
         return None
     parts = node.inputs[:2] if node.op == "Add" and not constant else node.inputs[:1]
-    way = []
+    way: list[Node] = []
     for part in parts:
         before = _way_back(graph, part, through) if len(graph.consumers(part)) == 1 else None
         if before is None:
@@ -153,15 +172,6 @@ def _way_back(graph: Graph, name: str, through: tuple[str, ...]) -> list[Node] |
 def _with_weights(graph: Graph, nodes: list[Node]) -> list[Node]:
     """Those with weights for every channel: convolutions, and sums with a constant."""
     return [n for n in nodes if n.op == "Conv" or (n.op == "Add" and n.inputs[1] in graph.weights)]
-
-
-def _multiply(graph: Graph, node: Node, factor: float) -> None:
-    if node.op == "Conv":
-        kernel = graph.weights[node.inputs[1]].folded() * factor
-        set_convolution(graph, node, kernel, bias_of(graph, node) * factor)
-    else:
-        values = np.float32(graph.weights[node.inputs[1]].folded() * factor)
-        node.inputs = [node.inputs[0], graph.weight("shift", values)]
 
 
 def _reorder(graph: Graph, node: Node, order: np.ndarray) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from export.graph import Graph, Node
 from export.integer_blocks import expand_soft_pool
-from export.rewrite import bias_of
+from export.rewrite import bias_of, is_plain
 from export.shifts import shift_of
 
 LARGEST = 64  # of a kernel's integers
@@ -63,8 +63,7 @@ def layers(graph: Graph) -> list[str]:
     return [
         node.output
         for node in graph.nodes
-        if node.op == "Conv"
-        and node.attributes["group"] == 1
+        if is_plain(node)
         and node.inputs[0] not in raw
         and node.output not in last
         and graph.shapes[node.output][2:] != (1, 1)
@@ -122,8 +121,8 @@ def parameters(
     for node in graph.nodes:
         if node.op == "Concat" and values.get(node.output):
             names = {node.output, *(origin[name] for name in node.inputs)}
-            low, high = min(0.0, *(own[name][0] for name in names)), max(own[name][1] for name in names)
-            if all(high - low <= LARGEST_SHARE * (own[name][1] - min(0.0, own[name][0])) for name in names):
+            low, high = min(own[name][0] for name in names), max(own[name][1] for name in names)
+            if all(high - low <= LARGEST_SHARE * (own[name][1] - own[name][0]) for name in names):
                 own.update(dict.fromkeys(names, (low, high)))
     return {name: Params.of(*own[origin[name]]) for name in values}
 

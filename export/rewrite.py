@@ -53,17 +53,17 @@ def _fold_before(graph: Graph, norm: Node) -> bool:
         return False
     scale, shift = _affine(graph, norm)
     bias = bias_of(graph, conv) * scale + shift
-    _set_weights(graph, conv, scale[:, None, None, None], bias)
+    scale_kernel(graph, conv, scale[:, None, None, None], bias)
     graph.replace(norm.output, conv.output)
     return True
 
 
 def _fold_after(graph: Graph, norm: Node) -> bool:
-    first, conv = 0, _only_consumer(graph, norm.output)
+    first, conv = 0, only_consumer(graph, norm.output)
     if conv is not None and conv.op == "Concat" and conv.inputs.count(norm.output) == 1:
         before = conv.inputs[: conv.inputs.index(norm.output)]
-        first, conv = sum(graph.shapes[name][1] for name in before), _only_consumer(graph, conv.output)
-    if conv is None or conv.op != "Conv" or any(conv.attributes["pads"]) or conv.attributes["group"] != 1:
+        first, conv = sum(graph.shapes[name][1] for name in before), only_consumer(graph, conv.output)
+    if conv is None or not is_unpadded(conv):
         return False
     scale, shift = _affine(graph, norm)
     weight = graph.weights[conv.inputs[1]].folded()
@@ -71,12 +71,23 @@ def _fold_after(graph: Graph, norm: Node) -> bool:
     bias = bias_of(graph, conv) + np.einsum("oihw,i->o", weight[:, channels].astype(np.float64), shift)
     factors = np.ones((1, weight.shape[1], 1, 1))
     factors[0, channels, 0, 0] = scale
-    _set_weights(graph, conv, factors, bias)
+    scale_kernel(graph, conv, factors, bias)
     graph.replace(norm.output, norm.inputs[0])
     return True
 
 
-def _only_consumer(graph: Graph, name: str) -> Node | None:
+def is_plain(node: Node) -> bool:
+    """Whether a node is a convolution of all channels with all."""
+    return node.op == "Conv" and node.attributes["group"] == 1
+
+
+def is_unpadded(node: Node) -> bool:
+    """Whether it is such a convolution and sees nothing beyond the border."""
+    return is_plain(node) and not any(node.attributes["pads"])
+
+
+def only_consumer(graph: Graph, name: str) -> Node | None:
+    """The one node that takes `name`; None where there are others, or `name` is an output."""
     consumers = graph.consumers(name)
     return consumers[0] if len(consumers) == 1 and name not in graph.outputs else None
 
@@ -93,9 +104,15 @@ def bias_of(graph: Graph, conv: Node) -> np.ndarray:
     return np.zeros(graph.shapes[conv.output][1])
 
 
-def _set_weights(graph: Graph, conv: Node, factors: np.ndarray, bias: np.ndarray) -> None:
+def scale_kernel(graph: Graph, conv: Node, factors: np.ndarray, bias: np.ndarray) -> None:
     """Multiply the kernel by `factors` and give the convolution a new bias."""
     weight = graph.weights[conv.inputs[1]]
     scale = factors if weight.scale is None else weight.scale * factors
     kernel = graph.weight(conv.inputs[1], weight.values, scale)
     conv.inputs = [conv.inputs[0], kernel, graph.weight(f"{conv.output}.bias", bias.astype(np.float32))]
+
+
+def set_convolution(graph: Graph, conv: Node, kernel: np.ndarray, bias: np.ndarray) -> None:
+    """Give a convolution another kernel and bias."""
+    name = graph.weight(f"{conv.output}.kernel", np.float32(kernel))
+    conv.inputs = [conv.inputs[0], name, graph.weight(f"{conv.output}.bias", np.float32(bias))]

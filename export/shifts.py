@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from export.graph import Graph, Node
-from export.rewrite import bias_of
+from export.rewrite import bias_of, is_unpadded, scale_kernel
 
 
 class Halves(NamedTuple):
@@ -54,8 +54,7 @@ def to_relu(graph: Graph, halves: Mapping[str, Halves]) -> None:
         straight = (1 - slope) ** 2 * half.above_variance < slope**2 * half.below_variance
         size = np.abs(scale) * np.where(straight, slope, 1)
         raised = np.where(straight, size * half.lowest, 0)
-        kernel = graph.weights[conv.inputs[1]].folded() * size[:, None, None, None]
-        set_convolution(graph, conv, kernel, bias_of(graph, conv) * size + raised)
+        scale_kernel(graph, conv, size[:, None, None, None], bias_of(graph, conv) * size + raised)
         last = norm or node
         result = graph.new_name("relu", graph.shapes[last.output])
         tail = [Node("Relu", [conv.output], result)]
@@ -102,7 +101,7 @@ def _carry(graph: Graph, node: Node) -> bool:
             return False
         graph.replace(after, before)
         return True
-    free = [c for c in consumers if c.op == "Conv" and c.attributes["group"] == 1 and not any(c.attributes["pads"])]
+    free = [consumer for consumer in consumers if is_unpadded(consumer)]
     if after not in graph.outputs and all(_carriable(graph, c) for c in consumers):
         free = consumers
     for consumer in free:
@@ -112,8 +111,8 @@ def _carry(graph: Graph, node: Node) -> bool:
 
 def _carriable(graph: Graph, node: Node) -> bool:
     """Whether a shift of every channel can stand behind `node` (or in its bias) instead of before it."""
-    if node.op == "Conv":
-        return node.attributes["group"] == 1 and not any(node.attributes["pads"])
+    if is_unpadded(node):
+        return True
     if node.op == "Mul":
         return node.inputs[1] in graph.weights
     if node.op == "AveragePool":
@@ -145,9 +144,3 @@ def _pass(graph: Graph, node: Node, before: str, after: str, shift: np.ndarray) 
 
 def _constant(graph: Graph, values: np.ndarray) -> str:
     return graph.weight("shift", np.float32(values)[None, :, None, None])
-
-
-def set_convolution(graph: Graph, conv: Node, kernel: np.ndarray, bias: np.ndarray) -> None:
-    """Give a convolution another kernel and bias."""
-    name = graph.weight(f"{conv.output}.kernel", np.float32(kernel))
-    conv.inputs = [conv.inputs[0], name, graph.weight(f"{conv.output}.bias", np.float32(bias))]

@@ -163,6 +163,19 @@ def test_a_narrow_part_of_a_join_is_made_wider_and_nothing_else_changes():
         np.testing.assert_allclose(balanced, kept, rtol=1e-5, atol=1e-5)
 
 
+def test_a_wide_part_of_a_join_follows_one_that_has_to_stay():
+    graph, parts, ranges = join_graph(widths=(20.0, 1.0))
+    x = image(0, (1, 4, 8, 8))
+    before = run(graph, x)
+    balance_joins(graph, ranges)
+    join = next(node.output for node in graph.nodes if node.op == "Concat")
+    assert ranges[parts[0]] == ranges[parts[1]] == ranges[join] == (0.0, 1.0)
+    for kept, balanced in zip(before, run(graph, x), strict=True):
+        np.testing.assert_allclose(balanced, kept, rtol=1e-5, atol=1e-5)
+    lowered = integer_operations(quantised(graph, [n.output for n in graph.nodes if n.op == "Conv"], ranges))
+    assert [node.op for node in lowered.nodes if "Concat" in node.op] == ["Concat"]
+
+
 @pytest.mark.parametrize(("widths", "op"), [((19.0, 20.0), "Concat"), ((1.0, 20.0), "QLinearConcat")])
 def test_parts_of_a_join_share_a_scale_unless_few_steps_would_be_left(widths, op):
     graph, _, ranges = join_graph(widths=widths)
