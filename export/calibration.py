@@ -41,6 +41,29 @@ def halves_of(graph: Graph, images: Sequence[np.ndarray]) -> dict[str, Halves]:
     return found
 
 
+def find_widths(graph: Graph, names: Collection[str], images: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+    """How far the values of each channel (C,) reach: geometric mean of their range and their root mean square.
+
+    Measured: the range alone gives rare large values too much weight, the root mean square alone too little.
+    """
+    graph = _floating(graph)
+    names = sorted(names)
+    graph.outputs = []
+    for name in names:
+        for op in ("ReduceMin", "ReduceMax"):
+            graph.outputs.append(graph.add(op, [name], graph.shapes[name][1:2], axes=[0, 2, 3], keepdims=0))
+        square = graph.add("Mul", [name, name], graph.shapes[name])
+        graph.outputs.append(graph.add("ReduceMean", [square], graph.shapes[name][1:2], axes=[0, 2, 3], keepdims=0))
+    every = _run(graph, images)
+    widths = {}
+    for i, name in enumerate(names):
+        low = np.min([results[3 * i] for results in every], axis=0).clip(max=0)
+        high = np.max([results[3 * i + 1] for results in every], axis=0).clip(min=0)
+        square = np.mean([results[3 * i + 2] for results in every], axis=0, dtype=np.float64)
+        widths[name] = np.sqrt((high - low) * np.sqrt(square))
+    return widths
+
+
 def find_ranges(graph: Graph, names: Collection[str], images: Sequence[np.ndarray]) -> dict[str, tuple[float, float]]:
     """Range of each value, that of least error when it is cut into 255 steps."""
     graph = _floating(graph)

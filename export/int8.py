@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import onnxruntime as ort
+from scipy.optimize import brentq
+from scipy.special import expit, logit
 from torch import nn
 
 from export.integer_net import Prepared, prepare
@@ -27,6 +29,8 @@ JUDGING_STREETS = 17_000_000  # and of those on which the loss is measured
 LIMIT = 0.5  # percentage points of IoU of the moving class that may be lost
 MOST_FLOAT = 0.25  # share of the layers that may stay in float
 QUICK = 4  # scans on which single layers are judged
+LARGEST_SHIFT = 1.0  # of the logit of moving
+LEAST = 1e-7  # probability that is told from none
 
 
 class Scene(NamedTuple):
@@ -82,12 +86,19 @@ def quantise(
     prepared = prepare(network, images[0].shape, images)
     scenes = simulated(sensor, residual, JUDGING_STREETS, settings.judging)
     judge = Judge(float_model, scenes, threshold, settings.threads)
-    floats = choose_floats(prepared, judge, settings.limit) if trained else ()
-    model = prepared.model(floats)
+    balance = Balance(float_model, images, settings.threads)
+
+    def finished(floats: tuple[str, ...]) -> bytes:
+        return prepared.model(floats, balance.lacking(prepared.model(floats)))
+
+    floats = choose_floats(prepared, judge, settings.limit, finished) if trained else ()
+    moving = balance.lacking(prepared.model(floats))
+    model = prepared.model(floats, moving)
     loss = judge.loss(model)
     record: dict[str, Any] = {
         "calibration": source,
         "judged_on": f"{settings.judging} simulated streets from {JUDGING_STREETS}, pixels",
+        "added_to_moving_logit": moving,
         "probability_difference": float(f"{loss.difference:.2g}"),
         "float_layers": list(floats),
         "integer_layers": len(prepared.layers) - len(floats),
@@ -100,9 +111,14 @@ def quantise(
     return Quantised(model, floats, record)
 
 
-def choose_floats(prepared: Prepared, judge: "Judge", limit: float) -> tuple[str, ...]:
-    """The fewest layers whose arithmetic has to stay in float, in the order of what they lose alone."""
-    loss = judge.loss(prepared.model())
+def choose_floats(
+    prepared: Prepared, judge: "Judge", limit: float, finished: Callable[[tuple[str, ...]], bytes]
+) -> tuple[str, ...]:
+    """The fewest layers whose arithmetic has to stay in float, in the order of what they lose alone.
+
+    finished: the model with the given layers in float, as it would be written.
+    """
+    loss = judge.loss(finished(()))
     if loss.points <= limit:
         return ()
     every = list(prepared.layers)
@@ -112,7 +128,7 @@ def choose_floats(prepared: Prepared, judge: "Judge", limit: float) -> tuple[str
     most = max(1, int(MOST_FLOAT * len(every)))
     for count in range(1, most + 1):
         floats = tuple(worst[:count])
-        loss = judge.loss(prepared.model(floats))
+        loss = judge.loss(finished(floats))
         if loss.points <= limit:
             return floats
     lines = ", ".join(f"{layer} ({alone[layer]:.1e})" for layer in worst[:5])
@@ -121,6 +137,33 @@ def choose_floats(prepared: Prepared, judge: "Judge", limit: float) -> tuple[str
         f"{len(every)} layers in float too. These lose most (mean difference of the probability alone): {lines}. "
         "Nothing was written; train longer, or export without --precision int8"
     )
+
+
+class Balance:
+    """Keeps the mean probability of moving on `images` (1, channels, H, W) what it is in float.
+
+    What integers and ReLUs lose moves the logits to one side, and with them the points above a threshold.
+    """
+
+    def __init__(self, float_model: bytes, images: Sequence[np.ndarray], threads: int) -> None:
+        self.images, self.threads = images, threads
+        self.wanted = float(self._probabilities(float_model).mean())
+
+    def lacking(self, model: bytes) -> float:
+        """What to add to the logit of moving that `model` computes, at most LARGEST_SHIFT up or down; two digits."""
+        odds = logit(self._probabilities(model))
+
+        def excess(shift: float) -> float:
+            return float(expit(odds + shift).mean()) - self.wanted
+
+        if excess(-LARGEST_SHIFT) >= 0 or excess(LARGEST_SHIFT) <= 0:
+            return -LARGEST_SHIFT if excess(0) > 0 else LARGEST_SHIFT
+        return round(float(brentq(excess, -LARGEST_SHIFT, LARGEST_SHIFT, xtol=1e-3)), 2)
+
+    def _probabilities(self, model: bytes) -> np.ndarray:
+        run = session(model, self.threads)
+        found = np.concatenate([run(image)[2].ravel() for image in self.images])
+        return found.astype(np.float64).clip(LEAST, 1 - LEAST)
 
 
 class Loss(NamedTuple):

@@ -7,15 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from torch import nn
 
-from export.calibration import find_ranges, halves_of
+from export.calibration import find_ranges, find_widths, halves_of
 from export.channels_last import integer_operations
+from export.equalise import equalise
 from export.graph import Graph, to_model
 from export.integer_blocks import with_integer_forms
-from export.layout import balance_joins, means_to_pools, shuffle_blocks, spread_factors, spread_gates
-from export.quantise import LARGEST, integer_values, layers, quantised, roots
-from export.rewrite import fold_norms, trim_kernels
+from export.layout import means_to_pools, shuffle_blocks, spread_factors, spread_gates
+from export.quantise import LARGEST, clipped, integer_values, last_convolutions, layers, quantised, roots
+from export.rewrite import bias_of, fold_norms, set_bias, trim_kernels
 from export.shifts import carry_shifts, to_relu
 from export.tracing import trace
+from mos_model.network import CLASSES
 
 
 @dataclass(frozen=True)
@@ -31,15 +33,21 @@ class Prepared:
         chosen = {output for layer, outputs in self.layers.items() if layer not in floats for output in outputs}
         return quantised(self.graph, chosen, self.ranges, largest)
 
-    def model(self, floats: Collection[str] = ()) -> bytes:
-        """The ONNX model in integer operations; `floats` are layers that stay in float."""
-        return to_model(integer_operations(self.pairs(floats))).SerializeToString(deterministic=True)
+    def model(self, floats: Collection[str] = (), moving: float = 0.0) -> bytes:
+        """The ONNX model in integer operations; `floats` stay in float, `moving` is added to that class's logit."""
+        graph = self.pairs(floats)
+        for node in graph.nodes:
+            if node.output in last_convolutions(self.graph):
+                bias = bias_of(graph, node)
+                bias[-(len(bias) // CLASSES) :] += moving  # the channels of a class lie together
+                set_bias(graph, node, bias)
+        return to_model(integer_operations(graph)).SerializeToString(deterministic=True)
 
 
 def prepare(network: nn.Module, shape: tuple[int, ...], images: Sequence[np.ndarray]) -> Prepared:
     """Rewrite `network` for integers and find the ranges of its values on `images` (each of `shape`)."""
     graph = trace(with_integer_forms(network), shape)
-    names = {node.output: node.inputs[1] for node in graph.nodes if node.op == "Conv"}
+    kernels = {node.output: node.inputs[1] for node in graph.nodes if node.op == "Conv"}
     to_relu(graph, halves_of(graph, images))
     fold_norms(graph)
     trim_kernels(graph)
@@ -51,10 +59,10 @@ def prepare(network: nn.Module, shape: tuple[int, ...], images: Sequence[np.ndar
     chosen = layers(graph)
     found: dict[str, list[str]] = {}
     for output in chosen:
-        name = re.sub(r"_\d+$", "", names[output])  # that of a weight which several nodes take is numbered
+        name = re.sub(r"_\d+$", "", kernels[output])  # that of a weight which several nodes take is numbered
         layer = name.removeprefix("network.").removesuffix(".weight")
         found.setdefault(layer, []).append(output)
     values = integer_values(graph, chosen)
-    ranges = find_ranges(graph, {*values, *roots(graph, values).values()}, images)
-    balance_joins(graph, ranges)
-    return Prepared(graph, found, ranges)
+    equalise(graph, find_widths(graph, set(roots(graph, values).values()), images))
+    # what was moved has a range too, for where the layers that it comes from stay in float
+    return Prepared(graph, found, find_ranges(graph, values.keys() - clipped(graph, values).keys(), images))

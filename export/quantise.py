@@ -48,18 +48,24 @@ def kernel_integers(kernel: np.ndarray, largest: int = LARGEST) -> tuple[np.ndar
     return np.clip(np.rint(kernel / scale[:, None, None, None]), -largest, largest).astype(np.int8), scale
 
 
-def layers(graph: Graph) -> list[str]:
-    """Convolutions that may compute in integers, by the name of their output: neither first, last nor of one pixel."""
-    raw = set(graph.inputs)
-    for node in graph.nodes:
-        if node.op in RAW and node.inputs[0] in raw:
-            raw.add(node.output)
+def last_convolutions(graph: Graph) -> set[str]:
+    """Outputs of the convolutions behind which no other leads to a result, features aside: they make the logits."""
     final, last = set(graph.outputs) - {"features"}, set()
     for node in reversed(graph.nodes):
         if node.output in final and node.op == "Conv":
             last.add(node.output)
         elif node.output in final:
             final.update(node.inputs)
+    return last
+
+
+def layers(graph: Graph) -> list[str]:
+    """Convolutions that may compute in integers, by the name of their output: neither first, last nor of one pixel."""
+    raw = set(graph.inputs)
+    for node in graph.nodes:
+        if node.op in RAW and node.inputs[0] in raw:
+            raw.add(node.output)
+    last = last_convolutions(graph)
     return [
         node.output
         for node in graph.nodes
@@ -102,27 +108,36 @@ def _clips(graph: Graph, name: str) -> bool:
 
 
 def roots(graph: Graph, values: Mapping[str, bool]) -> dict[str, str]:
-    """The value whose integers each value has: its own, or what was moved to make it."""
+    """The value whose integers each value has: its own, what was moved to make it, or the ReLU that clips it."""
     found: dict[str, str] = {}
     for name in values:
         origin = name
         while (node := graph.producer(origin)) is not None and node.op in MOVING and values.get(origin):
             origin = node.inputs[0]
         found[name] = origin
-    return found
+    return found | clipped(graph, values)
+
+
+def clipped(graph: Graph, values: Mapping[str, bool]) -> dict[str, str]:
+    """Results that a ReLU clips, and what it makes of them: their integers end at its zero point, 0."""
+    return {node.inputs[0]: node.output for node in graph.nodes if node.op == "Relu" and values.get(node.output)}
 
 
 def parameters(
     graph: Graph, values: Mapping[str, bool], ranges: Mapping[str, tuple[float, float]]
 ) -> dict[str, Params]:
-    """Scale and zero point of every value; parts of a concatenation share them unless one were left with few steps."""
-    origin = roots(graph, values)
+    """Scale and zero point of every value; parts of a concatenation share them unless one were left with few steps.
+
+    Nor where a ReLU's integers are clipped at a zero point of 0 and another part reaches below zero.
+    """
+    origin, rectified = roots(graph, values), set(clipped(graph, values).values())
     own = {name: ranges[origin[name]] for name in values}
     for node in graph.nodes:
         if node.op == "Concat" and values.get(node.output):
             names = {node.output, *(origin[name] for name in node.inputs)}
             low, high = min(own[name][0] for name in names), max(own[name][1] for name in names)
-            if all(high - low <= LARGEST_SHARE * (own[name][1] - own[name][0]) for name in names):
+            possible = low == 0 or not names & rectified
+            if possible and all(high - low <= LARGEST_SHARE * (own[name][1] - own[name][0]) for name in names):
                 own.update(dict.fromkeys(names, (low, high)))
     return {name: Params.of(*own[origin[name]]) for name in values}
 

@@ -108,11 +108,16 @@ def scale_kernel(graph: Graph, conv: Node, factors: np.ndarray, bias: np.ndarray
     """Multiply the kernel by `factors` and give the convolution a new bias."""
     weight = graph.weights[conv.inputs[1]]
     scale = factors if weight.scale is None else weight.scale * factors
-    kernel = graph.weight(conv.inputs[1], weight.values, scale)
-    conv.inputs = [conv.inputs[0], kernel, graph.weight(f"{conv.output}.bias", bias.astype(np.float32))]
+    conv.inputs[1] = graph.weight(conv.inputs[1], weight.values, scale)
+    set_bias(graph, conv, bias)
 
 
 def set_convolution(graph: Graph, conv: Node, kernel: np.ndarray, bias: np.ndarray) -> None:
     """Give a convolution another kernel and bias."""
-    name = graph.weight(f"{conv.output}.kernel", np.float32(kernel))
-    conv.inputs = [conv.inputs[0], name, graph.weight(f"{conv.output}.bias", np.float32(bias))]
+    conv.inputs[1] = graph.weight(f"{conv.output}.kernel", np.float32(kernel))
+    set_bias(graph, conv, bias)
+
+
+def set_bias(graph: Graph, conv: Node, bias: np.ndarray) -> None:
+    """Give a convolution another bias."""
+    conv.inputs[2:] = [graph.weight(f"{conv.output}.bias", np.float32(bias))]

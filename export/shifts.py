@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from export.graph import Graph, Node
-from export.rewrite import bias_of, is_unpadded, scale_kernel
+from export.rewrite import bias_of, is_unpadded, only_consumer, scale_kernel, set_bias
 
 
 class Halves(NamedTuple):
@@ -101,12 +101,18 @@ def _carry(graph: Graph, node: Node) -> bool:
             return False
         graph.replace(after, before)
         return True
-    free = [consumer for consumer in consumers if is_unpadded(consumer)]
+    free = [consumer for consumer in consumers if _absorbs(graph, consumer)]
     if after not in graph.outputs and all(_carriable(graph, c) for c in consumers):
         free = consumers
     for consumer in free:
         _pass(graph, consumer, before, after, shift)
     return bool(free)
+
+
+def _absorbs(graph: Graph, node: Node) -> bool:
+    """Whether the shift disappears in a bias, behind a concatenation perhaps."""
+    after = only_consumer(graph, node.output) if node.op == "Concat" else node
+    return after is not None and is_unpadded(after)
 
 
 def _carriable(graph: Graph, node: Node) -> bool:
@@ -125,7 +131,8 @@ def _pass(graph: Graph, node: Node, before: str, after: str, shift: np.ndarray) 
     if node.op == "Conv":
         kernel = graph.weights[node.inputs[1]].folded()
         bias = bias_of(graph, node) + np.einsum("oihw,i->o", kernel.astype(np.float64), shift)
-        node.inputs = [before, node.inputs[1], graph.weight(f"{node.output}.bias", np.float32(bias))]
+        node.inputs[0] = before
+        set_bias(graph, node, bias)
         return
     if (own := shift_of(graph, node)) is not None:
         node.inputs = [before, _constant(graph, own + shift)]

@@ -11,8 +11,9 @@ import pytest
 
 import mos_model.simulator
 from export import int8, parity
-from export.int8 import Judge, Loss, Scene, Settings, choose_floats, recorded
-from export.to_onnx import export_checkpoint, main
+from export.int8 import LARGEST_SHIFT, Balance, Judge, Loss, Scene, Settings, choose_floats, recorded
+from export.integer_net import prepare
+from export.to_onnx import Outputs, export_checkpoint, main
 from mos_model.checkpoint import save
 from mos_model.simulator import PROFILES, simulate
 from mos_model.simulator.write import write_dataset
@@ -80,6 +81,7 @@ def test_the_manifest_says_what_was_measured(first):
     assert record["judged_on"] == "1 simulated streets from 17000000, pixels"
     assert 0 < record["probability_difference"] < 0.02
     assert record["float_layers"] == []
+    assert abs(record["added_to_moving_logit"]) < 0.5
     assert record["integer_layers"] > 50
     assert "untrained" in record["note"]
     assert "iou_int8" not in record
@@ -106,8 +108,8 @@ def test_trained_weights_are_judged_by_iou(checkpoint, tmp_path):
 
 
 def test_a_network_that_loses_too_much_is_refused_and_nothing_written(checkpoint, monkeypatch, tmp_path):
-    def refuse(prepared, judge, limit):
-        raise QuantisationError(f"{len(prepared.layers) > 50}, {limit}, {judge.loss(prepared.model()).difference > 0}")
+    def refuse(prepared, judge, limit, finished):
+        raise QuantisationError(f"{len(prepared.layers) > 50}, {limit}, {judge.loss(finished(())).difference > 0}")
 
     monkeypatch.setattr(int8, "choose_floats", refuse)
     with pytest.raises(QuantisationError, match=r"True, 0\.5, True"):
@@ -135,12 +137,12 @@ class FakeJudge:
 
 @pytest.mark.parametrize(("limit", "floats"), [(6, ()), (2.5, ("f",)), (0.5, ("f", "c"))])
 def test_the_worst_layers_stay_in_float_and_no_more_than_needed(limit, floats):
-    assert choose_floats(Fake(), FakeJudge(), limit) == floats
+    assert choose_floats(Fake(), FakeJudge(), limit, Fake().model) == floats
 
 
 def test_the_error_names_the_layers_that_lose_most():
     with pytest.raises(QuantisationError, match=r"f \(3\.0e-02\), c \(2\.0e-02\)"):
-        choose_floats(Fake(), FakeJudge(), -1)
+        choose_floats(Fake(), FakeJudge(), -1, Fake().model)
 
 
 def test_the_judge_sees_no_loss_of_a_model_against_itself():
@@ -152,6 +154,17 @@ def test_the_judge_sees_no_loss_of_a_model_against_itself():
     assert loss.points == 0
     assert loss.difference == 0
     assert loss.before > 0
+
+
+@pytest.mark.parametrize(("moved", "lacking"), [(-0.3, 0.3), (0.0, 0.0), (0.2, -0.2), (3.0, -LARGEST_SHIFT)])
+def test_the_balance_finds_what_a_logit_was_moved_by(moved, lacking):
+    config = dataclasses.replace(tiny_config(), point_head=None)
+    shape = (1, 13, 64, 256)
+    images = [np.random.default_rng(i).normal(size=shape).astype(np.float32) for i in range(2)]
+    network = Outputs(random_network(config)[0].eval())
+    prepared = prepare(network, shape, images)
+    balance = Balance(prepared.model(), images, 1)
+    assert balance.lacking(prepared.model(moving=moved)) == pytest.approx(lacking, abs=0.01)
 
 
 def test_own_scans_calibrate(street):

@@ -9,12 +9,16 @@ import torch
 from torch import nn
 
 from export import calibration
+from export.calibration import find_widths, halves_of
 from export.channels_last import integer_operations
-from export.graph import Graph, to_model
+from export.equalise import equalise, tied_channels
+from export.graph import Graph, Node, to_model
+from export.integer_blocks import with_integer_forms
 from export.integer_net import prepare
-from export.layout import balance_joins, spread_gates
+from export.layout import shuffle_blocks, spread_gates
 from export.quantise import LARGEST, Params, kernel_integers, quantised
-from export.shifts import Halves, carry_shifts, to_relu
+from export.rewrite import fold_norms, is_unpadded
+from export.shifts import Halves, carry_shifts, shift_of, to_relu
 from export.to_onnx import Outputs
 from export.tracing import trace
 from mos_model.config import named_config
@@ -153,27 +157,57 @@ def join_graph(channels=(3, 5), widths=(1.0, 20.0)):
     return graph, parts, ranges
 
 
-def test_a_narrow_part_of_a_join_is_made_wider_and_nothing_else_changes():
-    graph, parts, ranges = join_graph()
+def test_parts_of_a_join_reach_as_far_as_the_one_that_stays_and_nothing_else_changes():
+    graph, parts, _ = join_graph()
     x = image(0, (1, 4, 8, 8))
     before = run(graph, x)
-    balance_joins(graph, ranges)
-    assert ranges[parts[0]] == ranges[parts[1]] == (0.0, 20.0)
-    for kept, balanced in zip(before, run(graph, x), strict=True):
-        np.testing.assert_allclose(balanced, kept, rtol=1e-5, atol=1e-5)
-
-
-def test_a_wide_part_of_a_join_follows_one_that_has_to_stay():
-    graph, parts, ranges = join_graph(widths=(20.0, 1.0))
-    x = image(0, (1, 4, 8, 8))
-    before = run(graph, x)
-    balance_joins(graph, ranges)
     join = next(node.output for node in graph.nodes if node.op == "Concat")
-    assert ranges[parts[0]] == ranges[parts[1]] == ranges[join] == (0.0, 1.0)
-    for kept, balanced in zip(before, run(graph, x), strict=True):
-        np.testing.assert_allclose(balanced, kept, rtol=1e-5, atol=1e-5)
-    lowered = integer_operations(quantised(graph, [n.output for n in graph.nodes if n.op == "Conv"], ranges))
-    assert [node.op for node in lowered.nodes if "Concat" in node.op] == ["Concat"]
+    widths = find_widths(graph, [*parts, join], [x])
+    equalise(graph, widths)
+    after = find_widths(graph, parts, [x])
+    alive = widths[parts[0]] > 0
+    assert alive.any()
+    np.testing.assert_allclose(after[parts[0]][alive], widths[parts[1]].max(), rtol=1e-3)  # free: made wider
+    np.testing.assert_allclose(after[parts[1]], widths[parts[1]], rtol=1e-5)  # a result shows it
+    for kept, equal in zip(before, run(graph, x), strict=True):
+        np.testing.assert_allclose(equal, kept, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["v1", "rt", "lmnet"])
+def test_equal_channels_change_nothing_but_themselves(name):
+    graph = trace(with_integer_forms(network(name)), SHAPE)
+    images = [image()]
+    to_relu(graph, halves_of(graph, images))
+    fold_norms(graph)
+    carry_shifts(graph)
+    shuffle_blocks(graph)
+    numbers = tied_channels(graph)
+    ends = [n.output for n in graph.nodes if n.op == "Relu" and len(set(numbers[n.output])) == len(numbers[n.output])]
+    ends = [name for name in ends if numbers[name].all()]
+    assert len(ends) > 10
+    before, widths = run(calibration._floating(graph), images[0]), find_widths(graph, ends, images)
+    equalise(graph, widths)
+    for kept, equal in zip(before, run(calibration._floating(graph), images[0]), strict=True):
+        np.testing.assert_allclose(equal, kept, atol=1e-4 * np.abs(kept).max())
+
+    def unequal(widths):
+        return np.mean([np.std(width) / np.mean(width) for width in widths.values()])
+
+    assert unequal(find_widths(graph, ends, images)) < 0.5 * unequal(widths)
+
+
+def test_channels_of_a_pixel_shuffle_are_tied_as_they_meet():
+    settings = {"kernel_shape": [1, 1], "strides": [1, 1], "pads": [0] * 4, "dilations": [1, 1], "group": 1}
+    for mode, together in (("CRD", [[0, 1, 2, 3], [4, 5, 6, 7]]), ("DCR", [[0, 2, 4, 6], [1, 3, 5, 7]])):
+        graph = Graph(inputs=["image"], shapes={"image": (1, 3, 4, 4)})
+        first = graph.add("Conv", ["image", graph.weight("kernel", np.ones((8, 3, 1, 1)))], (1, 8, 4, 4), **settings)
+        moved = graph.add("DepthToSpace", [first], (1, 2, 8, 8), blocksize=2, mode=mode)
+        graph.finish(
+            graph.add("Conv", [moved, graph.weight("k", np.ones((1, 2, 1, 1)))], (1, 1, 8, 8), **settings), "y"
+        )
+        numbers = tied_channels(graph)
+        assert [set(numbers[first][group]) for group in together] == [{number} for number in numbers[moved]]
+        assert len(set(numbers[moved])) == 2
 
 
 @pytest.mark.parametrize(("widths", "op"), [((19.0, 20.0), "Concat"), ((1.0, 20.0), "QLinearConcat")])
@@ -183,6 +217,21 @@ def test_parts_of_a_join_share_a_scale_unless_few_steps_would_be_left(widths, op
     assert [node.op for node in lowered.nodes if "Concat" in node.op] == [op]
     x = np.abs(image(0, (1, 4, 8, 8)))
     want, got = run(graph, x, ["sum"])[0], run(lowered, x, ["sum"])[0]
+    assert np.abs(np.clip(want, -9, 9) - got).mean() < 0.15
+
+
+def test_a_relu_beside_a_part_that_reaches_below_zero_ends_at_zero():
+    graph, (part, _), ranges = join_graph(widths=(19.0, 20.0))
+    shift = np.full((1, 3, 1, 1), -2, np.float32)
+    join = next(node for node in graph.nodes if node.op == "Concat")
+    below = graph.new_name("add", graph.shapes[part])
+    graph.nodes.insert(graph.nodes.index(join), Node("Add", [part, graph.weight("shift", shift)], below))
+    join.inputs[0] = below
+    ranges |= {below: (-2.0, 17.0), join.output: (-2.0, 20.0)}
+    x = np.abs(image(0, (1, 4, 8, 8)))
+    want = run(graph, x, ["sum"])[0]
+    whole = quantised(graph, [node.output for node in graph.nodes if node.op == "Conv"], ranges)
+    got = run(integer_operations(whole), x, ["sum"])[0]
     assert np.abs(np.clip(want, -9, 9) - got).mean() < 0.15
 
 
@@ -276,6 +325,21 @@ def test_carried_shifts_change_nothing(negative):
     assert not any(node.op in ("BatchNormalization", "LeakyRelu") for node in graph.nodes)
     for a, b in zip(run(graph, image(0, shape)), want, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-5)
+
+
+def test_a_join_before_a_convolution_without_border_takes_its_parts_without_shift():
+    graph = trace(with_integer_forms(network("lmnet")), SHAPE)
+    want = run(calibration._floating(graph), image())
+    to_relu(graph, halves_of(graph, [image()]))
+    fold_norms(graph)
+    halfway = run(calibration._floating(graph), image())
+    carry_shifts(graph)
+    joins = [node for node in graph.nodes if node.op == "Concat" and is_unpadded(graph.consumers(node.output)[0])]
+    assert len(joins) == 9
+    assert all(shift_of(graph, graph.producer(part)) is None for node in joins for part in node.inputs)
+    for a, b, c in zip(run(calibration._floating(graph), image()), halfway, want, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-4 * np.abs(b).max())
+        assert np.abs(a - c).mean() < 0.1 * np.abs(c).max()
 
 
 def test_what_leaky_relus_take():
