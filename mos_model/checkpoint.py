@@ -42,8 +42,8 @@ def save(
 ) -> None:
     """Write a checkpoint; where that fails, what lay at `path` before is whole (raises OutputError).
 
-    `half` stores the weights (not `training`) as float16. Raises CheckpointError where the modules do not fit
-    `config`, a value is no tensor and not plain, or a weight leaves the range of float16.
+    `half` stores the weights (not `training`) as float16, but for tensors with values beyond its range. Raises
+    CheckpointError where the modules do not fit `config`, or a value is no tensor and not plain.
     """
     if (point_head is None) != (config.point_head is None):
         raise CheckpointError(f"{path}: the configuration has {'a' if config.point_head else 'no'} point head")
@@ -130,11 +130,13 @@ def _weights(module: nn.Module, half: bool) -> dict[str, Tensor]:
     weights = {key: value.detach().cpu().contiguous() for key, value in module.state_dict().items()}
     if not half:
         return weights
-    halves = {key: value.half() if value.is_floating_point() else value for key, value in weights.items()}
-    lost = [key for key in halves if not torch.equal(halves[key].isfinite(), weights[key].isfinite())]
-    if lost:
-        raise CheckpointError(f"too large for half precision: {', '.join(lost)}")
-    return halves
+    return {key: _as_half(value) for key, value in weights.items()}
+
+
+def _as_half(value: Tensor) -> Tensor:
+    """The tensor in half precision, or as it is where that has no numbers so large."""
+    half = value.half() if value.is_floating_point() else value
+    return half if torch.equal(half.isfinite(), value.isfinite()) else value
 
 
 def _check_plain(value: Any, where: str) -> None:
