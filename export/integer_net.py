@@ -35,9 +35,9 @@ class Prepared:
 
     def model(self, floats: Collection[str] = (), moving: float = 0.0) -> bytes:
         """The ONNX model in integer operations; `floats` stay in float, `moving` is added to that class's logit."""
-        graph = self.pairs(floats)
+        graph, last = self.pairs(floats), last_convolutions(self.graph)
         for node in graph.nodes:
-            if node.output in last_convolutions(self.graph):
+            if node.output in last:
                 bias = bias_of(graph, node)
                 bias[-(len(bias) // CLASSES) :] += moving  # the channels of a class lie together
                 set_bias(graph, node, bias)
