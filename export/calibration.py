@@ -27,8 +27,8 @@ def halves_of(graph: Graph, images: Sequence[np.ndarray]) -> dict[str, Halves]:
         for half in (above, below):
             square = graph.add("Mul", [half, half], shape)
             for part in (half, square):
-                graph.outputs.append(graph.add("ReduceMean", [part], shape[1:2], axes=[0, 2, 3], keepdims=0))
-        graph.outputs.append(graph.add("ReduceMax", [below], shape[1:2], axes=[0, 2, 3], keepdims=0))
+                _by_channel(graph, "ReduceMean", part)
+        _by_channel(graph, "ReduceMax", below)
     if not leaky:
         return {}
     every = _run(graph, images)
@@ -51,9 +51,8 @@ def find_widths(graph: Graph, names: Collection[str], images: Sequence[np.ndarra
     graph.outputs = []
     for name in names:
         for op in ("ReduceMin", "ReduceMax"):
-            graph.outputs.append(graph.add(op, [name], graph.shapes[name][1:2], axes=[0, 2, 3], keepdims=0))
-        square = graph.add("Mul", [name, name], graph.shapes[name])
-        graph.outputs.append(graph.add("ReduceMean", [square], graph.shapes[name][1:2], axes=[0, 2, 3], keepdims=0))
+            _by_channel(graph, op, name)
+        _by_channel(graph, "ReduceMean", graph.add("Mul", [name, name], graph.shapes[name]))
     every = _run(graph, images)
     widths = {}
     for i, name in enumerate(names):
@@ -122,6 +121,11 @@ def _floating(graph: Graph) -> Graph:
         pooled = expand_soft_pool(graph, below, shape, lambda part: part, np.inf, np.zeros(shape[1]))
         graph.nodes.append(Node("Add", [pooled, top], node.output))
     return graph
+
+
+def _by_channel(graph: Graph, op: str, name: str) -> None:
+    """Make a reduction (C,) of a map (1, C, H, W) a result of the graph."""
+    graph.outputs.append(graph.add(op, [name], graph.shapes[name][1:2], axes=[0, 2, 3], keepdims=0))
 
 
 def _integers(graph: Graph, values: list[int]) -> str:

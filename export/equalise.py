@@ -12,7 +12,7 @@ import numpy as np
 
 from export.graph import Graph, Node
 from export.rewrite import bias_of, is_plain, scale_kernel
-from export.shifts import shift_of
+from export.shifts import shift_constant, shift_of
 
 ALIKE = ("Relu", "LeakyRelu", "Resize", "AveragePool", "GlobalAveragePool", "Expand")  # a factor passes as it is
 FIXED = 0  # number of all channels that have to stay as they are
@@ -32,8 +32,7 @@ def equalise(graph: Graph, widths: Mapping[str, np.ndarray]) -> None:
             ratio = after[:, None, None, None] / before[None, :, None, None]
             scale_kernel(graph, node, ratio, bias_of(graph, node) * after)
         elif (shift := shift_of(graph, node)) is not None:
-            values = np.float32(shift * factors[numbers[node.output]])
-            node.inputs = [node.inputs[0], graph.weight("shift", values[None, :, None, None])]
+            node.inputs = [node.inputs[0], shift_constant(graph, shift * factors[numbers[node.output]])]
     graph.sweep()
 
 

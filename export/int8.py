@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -88,17 +88,20 @@ def quantise(
     judge = Judge(float_model, scenes, threshold, settings.threads)
     balance = Balance(float_model, images, settings.threads)
 
+    @cache
+    def lacking(floats: tuple[str, ...]) -> float:
+        return balance.lacking(prepared.model(floats))
+
     def finished(floats: tuple[str, ...]) -> bytes:
-        return prepared.model(floats, balance.lacking(prepared.model(floats)))
+        return prepared.model(floats, lacking(floats))
 
     floats = choose_floats(prepared, judge, settings.limit, finished) if trained else ()
-    moving = balance.lacking(prepared.model(floats))
-    model = prepared.model(floats, moving)
+    model = finished(floats)
     loss = judge.loss(model)
     record: dict[str, Any] = {
         "calibration": source,
         "judged_on": f"{settings.judging} simulated streets from {JUDGING_STREETS}, pixels",
-        "added_to_moving_logit": moving,
+        "added_to_moving_logit": lacking(floats),
         "probability_difference": float(f"{loss.difference:.2g}"),
         "float_layers": list(floats),
         "integer_layers": len(prepared.layers) - len(floats),

@@ -158,6 +158,7 @@ class _Writer:
 
     def __init__(self, graph: Graph, values: Mapping[str, bool], params: Mapping[str, Params], largest: int) -> None:
         self.old, self.values, self.params, self.largest = graph, values, params, largest
+        self.clipped = clipped(graph, values)
         self.new = Graph(
             weights=dict(graph.weights), shapes=dict(graph.shapes), inputs=list(graph.inputs), _count=graph._count
         )
@@ -203,13 +204,8 @@ class _Writer:
         else:
             inputs = [self._taken(name, whole, node) for name in node.inputs]
         self.new.nodes.append(Node(node.op, inputs, node.output, node.attributes))
-        if node.output in self.values and not (whole and self._clipped_later(node)):
+        if node.output in self.values and node.output not in self.clipped:
             self._quantise(node.output, node.output)
-
-    def _clipped_later(self, node: Node) -> bool:
-        """Whether a ReLU follows, whose integers are this operation's, clipped at the zero point."""
-        after = self.old.consumers(node.output)
-        return len(after) == 1 and after[0].op == "Relu" and bool(self.values.get(after[0].output))
 
     def _taken(self, name: str, whole: bool, node: Node) -> str:
         """What a node takes for `name`: dequantised integers, or the float value where that is at hand."""

@@ -60,11 +60,11 @@ def to_relu(graph: Graph, halves: Mapping[str, Halves]) -> None:
         tail = [Node("Relu", [conv.output], result)]
         if (scale < 0).any():
             signed = graph.new_name("sign", graph.shapes[last.output])
-            tail.append(Node("Mul", [result, _constant(graph, np.sign(scale))], signed))
+            tail.append(Node("Mul", [result, shift_constant(graph, np.sign(scale))], signed))
             result = signed
         dropped = np.where(straight, (1 - slope) * half.above, -slope * half.below)
         shift = shift + scale * dropped - np.sign(scale) * raised
-        tail.append(Node("Add", [result, _constant(graph, shift)], last.output))
+        tail.append(Node("Add", [result, shift_constant(graph, shift)], last.output))
         at = graph.nodes.index(node)
         graph.nodes[at : at + 1] = tail
         if norm is not None:
@@ -135,7 +135,7 @@ def _pass(graph: Graph, node: Node, before: str, after: str, shift: np.ndarray) 
         set_bias(graph, node, bias)
         return
     if (own := shift_of(graph, node)) is not None:
-        node.inputs = [before, _constant(graph, own + shift)]
+        node.inputs = [before, shift_constant(graph, own + shift)]
         return
     if node.op == "Concat":
         parts = [shift if name == after else np.zeros(graph.shapes[name][1]) for name in node.inputs]
@@ -146,8 +146,9 @@ def _pass(graph: Graph, node: Node, before: str, after: str, shift: np.ndarray) 
         shift = shift * node.inputs.count(after)
     node.inputs = [before if name == after else name for name in node.inputs]
     result, node.output = node.output, graph.new_name(node.op, graph.shapes[node.output])
-    graph.nodes.insert(graph.nodes.index(node) + 1, Node("Add", [node.output, _constant(graph, shift)], result))
+    graph.nodes.insert(graph.nodes.index(node) + 1, Node("Add", [node.output, shift_constant(graph, shift)], result))
 
 
-def _constant(graph: Graph, values: np.ndarray) -> str:
+def shift_constant(graph: Graph, values: np.ndarray) -> str:
+    """Store a number for every channel (C,) as what a node adds or multiplies; its name."""
     return graph.weight("shift", np.float32(values)[None, :, None, None])
