@@ -15,15 +15,15 @@ import typer
 from bench.accuracy import STREETS, score, scores, simulated, with_runner
 from bench.report import save, show
 from export.to_onnx import export_checkpoint
-from mos_model import checkpoint
-from mos_model.config import ModelConfig, named_config
-from mos_model.distributed import join_ranks
+from mos_model.networks import checkpoint
+from mos_model.networks.config import ModelConfig, named_config
 from mos_model.publish import publish
-from mos_model.recipe import TrainConfig, recipe
-from mos_model.session import run_training
-from mos_model.sources import SIMULATED
+from mos_model.training.distributed import join_ranks
+from mos_model.training.recipe import TrainConfig, recipe
+from mos_model.training.session import run_training
+from mos_model.training.sources import SIMULATED
 from runtime import MosRunner
-from runtime.head_config import SMALL
+from runtime.bundle.head_shape import SMALL
 
 ROWS = {  # of the paper's table: what each adds
     "a": ("lmnet", "one branch (LMNet)"),

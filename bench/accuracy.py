@@ -15,13 +15,13 @@ from bench.peers import Label, peers, versions
 from bench.report import ROOT, save, show
 from mos_model.simulator import simulate
 from runtime import MosRunner
-from runtime.bundle import load_bundle
+from runtime.bundle.manifest import load_bundle
+from runtime.compute.workers import Workers
 from runtime.evaluation.confusion import Confusion
-from runtime.inputs import InputBuilder
-from runtime.labels import read_labels, to_classes
-from runtime.sensor import HISTORY, Residual, Sensor
-from runtime.sequence import open_sequence
-from runtime.workers import Workers
+from runtime.image.inputs import InputBuilder
+from runtime.recordings.labels import read_labels, to_classes
+from runtime.recordings.sequence import open_sequence
+from runtime.sensors.sensor import HISTORY, Residual, Sensor
 
 STREETS = 12_000_000  # seeds of the simulated test streets: neither training, validation nor calibration has them
 QUIET = 13_000_000  # seeds of streets without a mover

@@ -15,11 +15,11 @@ from torch import Tensor, nn
 
 from bench.report import interleaved, save, show, summary
 from export.to_onnx import onnx_bytes
-from mos_model.blocks import act
-from mos_model.config import named_config
-from mos_model.network import CLASSES, ImageOutput, build_image_network
-from mos_model.realtime import WIDTHS, RealtimeNet, Up, conv
-from runtime.image_net import ImageNet
+from mos_model.networks.blocks import act
+from mos_model.networks.config import named_config
+from mos_model.networks.network import CLASSES, ImageOutput, build_image_network
+from mos_model.networks.realtime import WIDTHS, RealtimeNet, Up, conv
+from runtime.image.image_net import ImageNet
 
 CHANNELS = 16
 

@@ -9,7 +9,7 @@ from bench.report import show
 from bench.scans import load_frames
 from runtime import MosRunner
 from runtime.runner import CANDIDATE
-from runtime.sensor import HISTORY
+from runtime.sensors.sensor import HISTORY
 
 SCANS = 20
 

@@ -9,8 +9,8 @@ from bench.head_scans import Refinement, Scan, make_head
 from bench.plot import loglog
 from bench.report import brief, interleaved, resident_mb, show, summary
 from bench.scans import Frame, there_and_back
-from runtime.voxels import voxelise
-from runtime.workers import Workers
+from runtime.compute.workers import Workers
+from runtime.head.voxels import voxelise
 
 SIZES = (1_000, 10_000, 100_000, 300_000, 500_000)  # voxels
 SETTLED = 50  # scans after which memory must not grow

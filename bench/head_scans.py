@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from bench.report import ROOT
-from runtime.head_config import FULL, LITE
-from runtime.inputs import InputBuilder
-from runtime.labels import read_labels, to_classes
-from runtime.point_head import FeatureMap, PointHeadEngine, fold
-from runtime.sensor import HISTORY, Residual, Sensor
-from runtime.workers import Workers
+from runtime.bundle.head_shape import FULL, LITE
+from runtime.compute.workers import Workers
+from runtime.head.numba_engine import FeatureMap, PointHeadEngine, fold
+from runtime.image.inputs import InputBuilder
+from runtime.recordings.labels import read_labels, to_classes
+from runtime.sensors.sensor import HISTORY, Residual, Sensor
 
 HEADS = {"lite": LITE, "full": FULL}
 SEED = 2026  # of weights and features

@@ -10,12 +10,12 @@ import torch
 import typer
 
 from bench.report import interleaved, save, show, summary
-from export.int8 import CALIBRATION_STREETS, simulated
-from export.integer_net import prepare
+from export.int8.judge import CALIBRATION_STREETS, simulated
+from export.int8.network import prepare
 from export.to_onnx import Outputs, onnx_bytes
-from mos_model.config import named_config
-from mos_model.network import build_image_network
-from runtime.image_net import ImageNet
+from mos_model.networks.config import named_config
+from mos_model.networks.network import build_image_network
+from runtime.image.image_net import ImageNet
 
 
 def compare(

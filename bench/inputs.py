@@ -9,9 +9,9 @@ import typer
 
 from bench.report import interleaved, save, show, summary
 from bench.scans import load_frames
-from runtime.inputs import InputBuilder
-from runtime.sensor import HISTORY, Residual, Sensor
-from runtime.workers import Workers
+from runtime.compute.workers import Workers
+from runtime.image.inputs import InputBuilder
+from runtime.sensors.sensor import HISTORY, Residual, Sensor
 
 
 def numpy_range_image(points: np.ndarray, sensor: Sensor, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:

@@ -6,11 +6,11 @@ from typing import Annotated
 import typer
 
 from bench.report import save, show
-from export.graph import to_model
-from export.int8 import CALIBRATION_STREETS, JUDGING_STREETS, Judge, simulated
-from export.integer_net import prepare
+from export.graph.graph import to_model
+from export.int8.judge import CALIBRATION_STREETS, JUDGING_STREETS, Judge, simulated
+from export.int8.network import prepare
 from export.to_onnx import Outputs, onnx_bytes
-from mos_model.checkpoint import load
+from mos_model.networks.checkpoint import load
 
 LARGEST = {"7 bits": 64, "8 bits": 127}  # of a kernel's integers
 

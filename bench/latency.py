@@ -19,9 +19,9 @@ from bench.plot import stacked_bars
 from bench.report import interleaved, save, show, summary
 from bench.scans import there_and_back
 from runtime import MosRunner
-from runtime.labels import read_labels, to_classes, write_labels
-from runtime.sensor import HISTORY
-from runtime.sequence import open_sequence
+from runtime.recordings.labels import read_labels, to_classes, write_labels
+from runtime.recordings.sequence import open_sequence
+from runtime.sensors.sensor import HISTORY
 
 SHOWN = ("read", "input", "network", "postprocess", "history", "write", "scan")
 
@@ -52,11 +52,11 @@ def random_bundle(config: str, precision: str, folder: Path) -> Path:
     """The bundle of a configuration of the paper with random weights."""
     import torch
 
-    from export.int8 import Settings
+    from export.int8.judge import Settings
     from export.to_onnx import export_checkpoint
-    from mos_model import checkpoint
-    from mos_model.config import named_config
-    from mos_model.network import build_image_network, build_point_head
+    from mos_model.networks import checkpoint
+    from mos_model.networks.config import named_config
+    from mos_model.networks.network import build_image_network, build_point_head
 
     torch.manual_seed(0)
     model = named_config(config)
@@ -118,11 +118,11 @@ def measure_head(config: str, folder: Path, threads: int, rounds: int) -> dict[s
     """The point head alone on one scan, random weights: all points and the labelled movers; PyTorch on all."""
     import torch
 
-    from mos_model.config import named_config
-    from mos_model.network import build_point_head
-    from runtime.inputs import InputBuilder
-    from runtime.point_head import FeatureMap, PointHeadEngine, fold
-    from runtime.workers import Workers
+    from mos_model.networks.config import named_config
+    from mos_model.networks.network import build_point_head
+    from runtime.compute.workers import Workers
+    from runtime.head.numba_engine import FeatureMap, PointHeadEngine, fold
+    from runtime.image.inputs import InputBuilder
 
     torch.manual_seed(0)
     torch.set_num_threads(threads)

@@ -16,7 +16,7 @@ def load_frames(sequence: Path | None, count: int) -> list[Frame]:
         from mos_model.simulator import simulate
 
         return [(frame.points, frame.pose) for frame in simulate(7, count)]
-    from runtime.sequence import open_sequence
+    from runtime.recordings.sequence import open_sequence
 
     opened = open_sequence(sequence)
     return [opened.read(i) for i in range(min(count, len(opened)))]

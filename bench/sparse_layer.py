@@ -14,11 +14,11 @@ import typer
 
 from bench.report import brief, interleaved, save, show, summary
 from bench.scans import load_frames
-from runtime.arena import Arena
-from runtime.kernel_map import KernelMap, build_scales, neighbours, table_map
-from runtime.sparse_conv import convolve, pack
-from runtime.voxels import voxelise
-from runtime.workers import Workers
+from runtime.compute.arena import Arena
+from runtime.compute.workers import Workers
+from runtime.head.sparse.convolution import convolve, pack
+from runtime.head.sparse.kernel_map import KernelMap, build_scales, neighbours, table_map
+from runtime.head.voxels import voxelise
 
 Layer = Callable[[], np.ndarray]
 OTHERS = ("PyTorch, map given", "spconv")

@@ -11,17 +11,25 @@ import torch
 import typer
 from torch import Tensor, nn
 
-from export.blocked import with_blocked_forms
-from export.graph import to_model
-from export.head_graph import head_bytes
-from export.int8 import Settings, quantise
-from export.parity import Parity, check_parity
-from export.published import Source, understand
-from export.reader import read_tensors
-from export.rewrite import fold_norms, trim_kernels
-from export.tracing import trace
-from export.write import file_entry, head_arrays, plain, replacing, rounded_to_half, write_manifest, write_point_head
-from runtime.bundle import (
+from export.bundle.parity import Parity, check_parity
+from export.bundle.write import (
+    file_entry,
+    head_arrays,
+    plain,
+    replacing,
+    rounded_to_half,
+    write_manifest,
+    write_point_head,
+)
+from export.checkpoint.published import Source, understand
+from export.checkpoint.reader import read_tensors
+from export.graph.blocked import with_blocked_forms
+from export.graph.graph import to_model
+from export.graph.head_graph import head_bytes
+from export.graph.rewrite import fold_norms, trim_kernels
+from export.graph.tracing import trace
+from export.int8.judge import Settings, quantise
+from runtime.bundle.manifest import (
     DEFAULT_BUNDLE,
     IMAGE_NET,
     IMAGE_NET_INT8,
@@ -81,7 +89,7 @@ def export_checkpoint(
     trained: whether the weights are; None: what the checkpoint says.
     point_head_onnx: write the point head as an ONNX graph too, for execution providers on a GPU.
     precision: "int8" writes the image network in 8-bit integers too, beside the float one; None: if the bundle that is
-        at `out` has that. int8: how, see `export.int8.quantise`, which raises QuantisationError, SequenceError or
+        at `out` has that. int8: how, see `export.int8.judge.quantise`, which raises QuantisationError, SequenceError or
         ScanError.
 
     Raises CheckpointError, ParityError, SettingError, BundleError (`out` is something else) or OutputError.

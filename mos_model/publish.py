@@ -16,9 +16,9 @@ import torch
 import typer
 from numpy.typing import NDArray
 
-from mos_model.checkpoint import Checkpoint, load, save
-from mos_model.dataset import Sample, SampleConfig, SimulatedStreets
-from mos_model.labels import MOVING, STATIC
+from mos_model.data.dataset import Sample, SampleConfig, SimulatedStreets
+from mos_model.data.labels import MOVING, STATIC
+from mos_model.networks.checkpoint import Checkpoint, load, save
 from runtime.runner import CANDIDATE
 
 CALIBRATION_STREETS = 15_000_000  # seeds from here on choose thresholds; validation has those below

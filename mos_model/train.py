@@ -46,12 +46,12 @@ def train_command(
     """Train a network on SemanticKITTI or on simulated streets."""
     import torch
 
-    from mos_model.config import ModelConfig, named_config
-    from mos_model.distributed import join_ranks
-    from mos_model.recipe import recipe as named_recipe
-    from mos_model.session import run_training
-    from mos_model.sources import Data, image_sensor
-    from mos_model.trainer import Limits
+    from mos_model.networks.config import ModelConfig, named_config
+    from mos_model.training.distributed import join_ranks
+    from mos_model.training.recipe import recipe as named_recipe
+    from mos_model.training.session import run_training
+    from mos_model.training.sources import Data, image_sensor
+    from mos_model.training.trainer import Limits
 
     others = dict(parse_setting(text) for text in set_ or [])
     model = named_config(config, channels).to_dict() | {"sensor": asdict(image_sensor(sensor))}
@@ -95,7 +95,7 @@ def set_nested(settings: dict[str, Any], path: list[str], value: Any) -> None:
 
 def choose_split(road: bool, train_on: str | None, validate_on: str | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the training and validation sequences: the published ones where none are given."""
-    from mos_model import kitti
+    from mos_model.data import kitti
 
     train = kitti.TRAIN + kitti.ROAD_TRAIN if road else kitti.TRAIN
     validation = kitti.VALIDATION + kitti.ROAD_VALIDATION if road else kitti.VALIDATION

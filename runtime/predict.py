@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from runtime import __version__
-from runtime.bundle import MANIFEST, sha256_of
+from runtime.bundle.manifest import MANIFEST, sha256_of
 from runtime.errors import MosError, OutputError, SettingError
 from runtime.files import write_whole
-from runtime.labels import LABEL_BYTES, write_labels
-from runtime.poses import Pose
+from runtime.recordings.labels import LABEL_BYTES, write_labels
+from runtime.recordings.poses import Pose
+from runtime.recordings.scans import Scan, count_points
+from runtime.recordings.sequence import Sequence
 from runtime.runner import MosRunner
-from runtime.scans import Scan, count_points
-from runtime.sequence import Sequence
 
 
 @dataclass

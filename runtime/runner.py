@@ -14,23 +14,23 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from runtime.bundle import POSTPROCESSES, Bundle, load_bundle
-from runtime.decision import pixel_classes, point_results, take_refined
+from runtime.bundle.manifest import POSTPROCESSES, Bundle, load_bundle
+from runtime.compute.jit import is_cached
+from runtime.compute.workers import Workers
 from runtime.errors import MosWarning, SettingError
-from runtime.history import History
-from runtime.image_net import ImageNet, provider_name
-from runtime.inputs import ImageInput, InputBuilder
-from runtime.jit import is_cached
-from runtime.knn import MOVING, knn_vote
-from runtime.onnx_head import ENGINES, choose_head
-from runtime.poses import check_pose
-from runtime.precision import choose_precision
-from runtime.projection import project_scan
-from runtime.refinement import PointHead
-from runtime.scans import as_scan
-from runtime.sensor import HISTORY
-from runtime.transfer import FeatureMap
-from runtime.workers import Workers
+from runtime.head.onnx_engine import ENGINES, choose_head
+from runtime.head.refinement import PointHead
+from runtime.head.transfer import FeatureMap
+from runtime.image.decision import pixel_classes, point_results, take_refined
+from runtime.image.history import History
+from runtime.image.image_net import ImageNet, provider_name
+from runtime.image.inputs import ImageInput, InputBuilder
+from runtime.image.precision import choose_precision
+from runtime.image.projection import project_scan
+from runtime.image.vote import MOVING, knn_vote
+from runtime.recordings.poses import check_pose
+from runtime.recordings.scans import as_scan
+from runtime.sensors.sensor import HISTORY
 
 log = logging.getLogger("lidar_mos")
 
@@ -80,8 +80,8 @@ class MosRunner:
         head_engine: of the point head: "numba" on the processor, "onnx" on `providers`; "auto": "onnx" on a GPU's
             provider where the bundle has `point_head.onnx`, else "numba".
         precision: of the image network: "float32", "int8", or "auto": INT8 where the bundle has it and the processor
-            gains from it (`runtime.precision`); what was chosen is logged and in the attribute `precision`.
-        providers, allow_fallback, session_options: see `runtime.image_net.open_session`.
+            gains from it (`runtime.image.precision`); what was chosen is logged and in the attribute `precision`.
+        providers, allow_fallback, session_options: see `runtime.image.image_net.open_session`.
 
         Raises BundleError, ProviderError or SettingError.
         """

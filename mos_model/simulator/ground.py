@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from runtime.jit import fast_kernel, inlined, kernel
+from runtime.compute.jit import fast_kernel, inlined, kernel
 
 ROAD, MARKING, SIDEWALK, TERRAIN, PAVED = 0, 1, 2, 3, 4  # surface classes of a cell
 COARSE = 1.0  # m, cell of the grid of distances to the next road

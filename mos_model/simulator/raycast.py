@@ -12,7 +12,7 @@ Geometry, m, in its own frame:
 
 import numpy as np
 
-from runtime.jit import fast_kernel, inlined, kernel
+from runtime.compute.jit import fast_kernel, inlined, kernel
 
 COLUMNS = 23
 FRUSTUM, ELLIPSOID, CAPSULE = 0, 1, 2

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from runtime.jit import kernel
+from runtime.compute.jit import kernel
 
 
 @kernel

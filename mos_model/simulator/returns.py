@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from runtime.jit import fast_kernel, inlined
+from runtime.compute.jit import fast_kernel, inlined
 
 
 @inlined

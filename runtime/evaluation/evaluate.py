@@ -11,8 +11,8 @@ from runtime.errors import MosError, SequenceError
 from runtime.evaluation.benchmark import LABELS, check_prediction, check_truth
 from runtime.evaluation.confusion import CLASSES, MOVING, Confusion
 from runtime.evaluation.layout import Frame, raise_all
-from runtime.labels import read_labels, to_classes
-from runtime.scans import Scan, read_scan
+from runtime.recordings.labels import read_labels, to_classes
+from runtime.recordings.scans import Scan, read_scan
 
 STEP = 10.0  # m, width of a range bin
 BINS = ("0-10 m", "10-20 m", "20-30 m", "30-40 m", "40-50 m", "50+ m", "unknown")  # unknown: no scan, or not finite

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from runtime import __version__
+from runtime.doctor.findings import some
 from runtime.evaluation.benchmark import MOVERS
 from runtime.evaluation.confusion import Confusion
 from runtime.evaluation.evaluate import BINS, UNKNOWN, Counts, evaluate
 from runtime.evaluation.layout import Frame, Frames
 from runtime.files import write_whole
-from runtime.finding import some
 
 PROTOCOL = (
     "SemanticKITTI-MOS: one confusion matrix over all frames; points of true label 0 or 1 are left out; 251-259 are "

@@ -5,14 +5,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from runtime.doctor.findings import some
 from runtime.errors import SequenceError, SettingError
 from runtime.evaluation.benchmark import TEST_SCANS, check_prediction
 from runtime.evaluation.layout import by_stem, find_labels, raise_all
 from runtime.files import replacing
-from runtime.finding import some
-from runtime.labels import LABEL_BYTES, read_labels
-from runtime.scans import count_points
-from runtime.sequence import find_sequences, list_scans
+from runtime.recordings.labels import LABEL_BYTES, read_labels
+from runtime.recordings.scans import count_points
+from runtime.recordings.sequence import find_sequences, list_scans
 
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of every entry, so that the same predictions give the same archive
 SO = "nothing was packed"

@@ -7,7 +7,7 @@ from PIL import Image, ImageDraw
 from runtime.pictures.raster import SAMPLES, packed, stamp, to_canvas, to_image
 from runtime.pictures.text import write
 from runtime.pictures.verdict import BACKGROUND, CAR_PAINT, COLOURS, INK, STATIC, Kinds
-from runtime.scans import Scan
+from runtime.recordings.scans import Scan
 
 RING_STEP = 10  # m
 RING = (52, 62, 78)

@@ -9,8 +9,8 @@ from pathlib import Path
 from runtime.errors import SettingError
 from runtime.pictures.output import check_output, write_picture
 from runtime.pictures.snapshot import Live, Snapshot, Stored, System, snapshots
-from runtime.sensor import HISTORY
-from runtime.sequence import Sequence
+from runtime.recordings.sequence import Sequence
+from runtime.sensors.sensor import HISTORY
 
 COUNT = 30  # scans of a GIF or recording unless told otherwise
 

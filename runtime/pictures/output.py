@@ -43,7 +43,7 @@ def write_picture(path: str | Path, shown: Iterable[Snapshot]) -> int:
     if first is None:
         raise SequenceError(f"{path}: there is no scan to show")
     if suffix == ".rrd":
-        from runtime.pictures.recording import record
+        from runtime.pictures.rerun_file import record
 
         return record(path, chain([first], scans))
     data = io.BytesIO()

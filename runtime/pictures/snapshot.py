@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from runtime.errors import SequenceError
 from runtime.evaluation.confusion import MOVING, Confusion
 from runtime.evaluation.layout import by_stem, find_labels
-from runtime.labels import read_labels, to_classes
-from runtime.poses import Pose
-from runtime.scans import Scan
+from runtime.recordings.labels import read_labels, to_classes
+from runtime.recordings.poses import Pose
+from runtime.recordings.scans import Scan
 
 if TYPE_CHECKING:
+    from runtime.recordings.sequence import Sequence as Recording
     from runtime.runner import MosRunner
-    from runtime.sequence import Sequence as Recording
 
 
 @dataclass(frozen=True)

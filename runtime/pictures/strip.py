@@ -7,7 +7,7 @@ from PIL import Image, ImageDraw
 from runtime.pictures.raster import SAMPLES, packed, stamp, to_canvas, to_image
 from runtime.pictures.text import write
 from runtime.pictures.verdict import BACKGROUND, COLOURS, INK, STATIC, Kinds
-from runtime.scans import Scan
+from runtime.recordings.scans import Scan
 
 COLUMNS, ROWS = 2048, 64  # of an HDL-64E: what one point covers
 NEAR, FAR = 3.0, 60.0  # m: static points are brightest and darkest there

@@ -11,8 +11,8 @@ import pytest
 from bench import accuracy
 from bench.accuracy import Scan, score, shipped, with_peer, with_runner
 from bench.peers import HINT, PEER, peers, versions
-from tests import street
-from tests.runtime.test_cli import BUNDLE
+from tests.support import street
+from tests.support.paths import BUNDLE
 
 
 def drive(count=11):

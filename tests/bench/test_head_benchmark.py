@@ -8,9 +8,9 @@ from bench.head_growth import merged, with_voxels
 from bench.head_scans import busiest
 from bench.point_head import targets
 from bench.sparse_layer import OTHERS, compare
-from runtime.voxels import voxelise
-from runtime.workers import Workers
-from tests import reference_voxels as reference
+from runtime.compute.workers import Workers
+from runtime.head.voxels import voxelise
+from tests.support import reference_voxels as reference
 
 
 def cloud(seed, count=500):

@@ -5,16 +5,16 @@ import onnxruntime as ort
 import pytest
 import torch
 
-from export.published import understand
+from export.bundle.write import rounded_to_half, write_point_head
+from export.checkpoint.published import understand
 from export.to_onnx import onnx_bytes
-from export.write import rounded_to_half, write_point_head
-from mos_model.config import named_config
-from mos_model.network import build_image_network, build_point_head
-from runtime.bundle import Bundle
-from runtime.head_config import FULL, LITE
-from runtime.point_head import PointHeadEngine
-from runtime.workers import Workers
-from tests.mos_model.published import reference_output, reference_state
+from mos_model.networks.config import named_config
+from mos_model.networks.network import build_image_network, build_point_head
+from runtime.bundle.head_shape import FULL, LITE
+from runtime.bundle.manifest import Bundle
+from runtime.compute.workers import Workers
+from runtime.head.numba_engine import PointHeadEngine
+from tests.support.published import reference_output, reference_state
 
 TOLERANCE = 1e-5  # of a probability; the gate of the export is 1e-4
 SHAPE = (1, 13, 64, 256)

@@ -12,16 +12,17 @@ import numpy as np
 import pytest
 import torch
 
-from export import parity, to_onnx, write
+from export import to_onnx
+from export.bundle import parity, write
 from export.to_onnx import export_checkpoint, main
-from mos_model.checkpoint import save
+from mos_model.networks.checkpoint import save
 from mos_model.simulator import PROFILES, simulate
-from runtime.bundle import load_bundle
+from runtime.bundle.manifest import load_bundle
 from runtime.errors import BundleError, CheckpointError, OutputError, ParityError, SettingError
 from runtime.runner import MosRunner
-from tests.make_tiny import random_network, tiny_config
+from tests.support.make_tiny import random_network, tiny_config
+from tests.support.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 TINY = ROOT / "tests" / "data" / "tiny"
 
 

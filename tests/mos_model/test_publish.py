@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from mos_model import checkpoint
-from mos_model.config import named_config
-from mos_model.network import build_image_network, build_point_head
+from mos_model.networks import checkpoint
+from mos_model.networks.config import named_config
+from mos_model.networks.network import build_image_network, build_point_head
 from mos_model.publish import BINS, QUIET, Histogram, calibrate, data_of, publish
-from runtime.head_config import PointHeadConfig
-from runtime.sensor import Sensor
+from runtime.bundle.head_shape import PointHeadConfig
+from runtime.sensors.sensor import Sensor
 
 HEAD = PointHeadConfig(4, (4,), (4,), None, 0.0, 0.4, "mean")
 

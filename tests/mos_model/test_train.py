@@ -6,11 +6,12 @@ import pytest
 import torch
 from typer.testing import CliRunner
 
-from mos_model import checkpoint, train
-from mos_model.config import ModelConfig
-from mos_model.sources import image_sensor
+from mos_model import train
+from mos_model.networks import checkpoint
+from mos_model.networks.config import ModelConfig
+from mos_model.training.sources import image_sensor
 from runtime.errors import CheckpointError, SequenceError, SettingError
-from tests.mos_model.training import write_recording
+from tests.support.training import write_recording
 
 TINY = ["--channels", "4", "--set", "model.sensor.height=16", "--set", "model.sensor.width=64"]
 SHORT = [

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from runtime.errors import OutputError, ScanError, SettingError
-from runtime.labels import read_labels
 from runtime.predict import predict, prediction_path
+from runtime.recordings.labels import read_labels
+from runtime.recordings.sequence import open_sequence
 from runtime.runner import MosRunner
-from runtime.sequence import open_sequence
-from tests import street
+from tests.support import street
+from tests.support.paths import BUNDLE
 
-BUNDLE = Path(__file__).parents[1] / "data" / "tiny" / "bundle"
 COUNT = 13  # more than the history holds
 
 

@@ -6,16 +6,14 @@ import sys
 import threading
 import warnings
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from runtime import MosRunner, MosWarning
 from runtime.errors import BundleError, InferenceError, PoseError, ProviderError, ScanError, SettingError
-from tests import street
-
-TINY = Path(__file__).parents[1] / "data/tiny/bundle"
+from tests.support import street
+from tests.support.paths import BUNDLE, ROOT
 
 
 def drive(count: int, seed: int = 0, points: int = 2000) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -37,7 +35,7 @@ def drive(count: int, seed: int = 0, points: int = 2000) -> list[tuple[np.ndarra
 
 @pytest.fixture(scope="module")
 def runner():
-    return MosRunner(TINY, threads=2)
+    return MosRunner(BUNDLE, threads=2)
 
 
 def run(runner, frames):
@@ -48,7 +46,7 @@ def run(runner, frames):
 @pytest.mark.parametrize("postprocess", ["none", "knn", "head"])
 @pytest.mark.parametrize("refine", ["near", "all"])
 def test_a_label_for_every_point(postprocess, refine):
-    results = run(MosRunner(TINY, threads=2, postprocess=postprocess, refine=refine), drive(10))
+    results = run(MosRunner(BUNDLE, threads=2, postprocess=postprocess, refine=refine), drive(10))
     for result in results:
         assert result.moving.shape == result.probability.shape == (2200,)
         assert result.moving.dtype == np.bool_
@@ -61,7 +59,7 @@ def test_a_label_for_every_point(postprocess, refine):
 def test_threads_and_repetition_change_nothing(runner):
     frames = drive(10)
     want = run(runner, frames)
-    for other in (runner, MosRunner(TINY, threads=1)):
+    for other in (runner, MosRunner(BUNDLE, threads=1)):
         for a, b in zip(want, run(other, frames), strict=True):
             np.testing.assert_array_equal(a.moving, b.moving)
             np.testing.assert_allclose(a.probability, b.probability, atol=1e-6)
@@ -168,15 +166,24 @@ def test_poses_under_which_the_surroundings_move_are_doubted_once(runner, readin
 
 def test_every_kernel_is_compiled_at_the_start():
     code = f"""
-from runtime import MosRunner, decision, history, kernel_map, knn, projection, sparse_kernel, transfer, voxels
+from runtime import MosRunner
+from runtime.image import decision
+from runtime.image import history
+from runtime.head.sparse import kernel_map
+from runtime.image import vote as knn
+from runtime.image import projection
+from runtime.head.sparse import kernel as sparse_kernel
+from runtime.head import transfer
+from runtime.head import voxels
 import numpy as np
-runner = MosRunner({str(TINY)!r}, postprocess="head", threads=1)
+runner = MosRunner({str(BUNDLE)!r}, postprocess="head", threads=1)
 modules = decision, history, kernel_map, projection, sparse_kernel, transfer, voxels
 kernels = [k for m in modules for k in vars(m).values() if hasattr(k, "signatures") and k.__module__ == m.__name__]
 before = [len(kernel.signatures) for kernel in kernels]
 runner._head.config  # there is one
 wall = np.stack(np.broadcast_arrays(10.0, np.linspace(-9, 9, 400), 0.1, 0.5), 1).astype(np.float32)
 from runtime import runner as module
+from tests.support.paths import BUNDLE, ROOT
 module.CANDIDATE = -1.0
 runner(wall, np.eye(4))
 late = [kernel.__name__ for kernel, n in zip(kernels, before) if len(kernel.signatures) != n]
@@ -314,25 +321,25 @@ def test_bad_settings(settings, error, match):
     if set(settings.get("providers", ())) & set(onnxruntime.get_available_providers()):
         pytest.skip("this ONNX Runtime has the provider")
     with pytest.raises(error, match=match):
-        MosRunner(**{"bundle": TINY, **settings})
+        MosRunner(**{"bundle": BUNDLE, **settings})
 
 
 def test_fallback_must_be_allowed():
     with pytest.warns(MosWarning, match="NoSuchProvider"):
-        runner = MosRunner(TINY, providers=["NoSuchProvider"], allow_fallback=True)
+        runner = MosRunner(BUNDLE, providers=["NoSuchProvider"], allow_fallback=True)
     assert len(runner(*drive(1)[0]).moving) == 2200
 
 
 def test_session_options_reach_onnxruntime():
-    MosRunner(TINY, session_options={"session.intra_op.allow_spinning": "1"})
+    MosRunner(BUNDLE, session_options={"session.intra_op.allow_spinning": "1"})
     with pytest.raises(SettingError, match="session option"):
-        MosRunner(TINY, session_options={"": "1"})
+        MosRunner(BUNDLE, session_options={"": "1"})
 
 
 def test_two_runners_in_two_threads():
     frames = [drive(6, seed) for seed in (1, 2)]
-    want = [[r.probability for r in run(MosRunner(TINY, threads=2), f)] for f in frames]
-    runners = [MosRunner(TINY, threads=2) for _ in frames]
+    want = [[r.probability for r in run(MosRunner(BUNDLE, threads=2), f)] for f in frames]
+    runners = [MosRunner(BUNDLE, threads=2) for _ in frames]
     with ThreadPoolExecutor(2) as pool:
         got = list(pool.map(lambda i: [r.probability for r in run(runners[i], frames[i])], range(2)))
     for a, b in zip(want, got, strict=True):
@@ -368,13 +375,13 @@ def in_fresh_process(code: str, **environment: str) -> subprocess.CompletedProce
         text=True,
         timeout=300,
         env={**os.environ, **environment},
-        cwd=Path(__file__).parents[2],
+        cwd=ROOT,
     )
 
 
 def test_no_torch_no_onnx():
     done = in_fresh_process(
-        "import sys; from runtime import MosRunner; import runtime.cli\n"
+        "import sys; from runtime import MosRunner; import runtime.commands.main\n"
         "assert MosRunner\n"
         "bad = {'torch', 'onnx', 'mos_model', 'export'} & set(sys.modules)\n"
         "assert not bad, bad"
@@ -386,10 +393,10 @@ def test_numba_and_blas_settings_are_left_alone():
     """Also under Numba's `workqueue` layer, which ends the process when two threads use it at once."""
     done = in_fresh_process(
         "import os, threading, numba, numpy as np\n"
-        "from tests.runtime.test_runner import TINY, drive\n"
+        "from tests.runtime.test_runner import BUNDLE, drive\n"
         "from runtime import MosRunner\n"
         "before = numba.get_num_threads(), dict(os.environ)\n"
-        "runners = [MosRunner(TINY, threads=2) for _ in range(2)]\n"
+        "runners = [MosRunner(BUNDLE, threads=2) for _ in range(2)]\n"
         "threads = [threading.Thread(target=lambda r=r: [r(*f) for f in drive(3)]) for r in runners]\n"
         "[t.start() for t in threads]; [t.join() for t in threads]\n"
         "assert before == (numba.get_num_threads(), dict(os.environ))\n",
@@ -403,12 +410,12 @@ def test_runner_made_in_a_forked_child():
     done = in_fresh_process(
         "import os, warnings\n"
         "warnings.simplefilter('ignore', DeprecationWarning)\n"
-        "from tests.runtime.test_runner import TINY, drive\n"
+        "from tests.runtime.test_runner import BUNDLE, drive\n"
         "from runtime import MosRunner\n"
-        "parent = MosRunner(TINY, threads=2, postprocess='none'); parent(*drive(1)[0])\n"
+        "parent = MosRunner(BUNDLE, threads=2, postprocess='none'); parent(*drive(1)[0])\n"
         "child = os.fork()\n"
         "if child == 0:\n"
-        "    MosRunner(TINY, threads=2)(*drive(1)[0]); os._exit(0)\n"
+        "    MosRunner(BUNDLE, threads=2)(*drive(1)[0]); os._exit(0)\n"
         "assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0\n"
         "parent(*drive(2)[1])\n"
     )
@@ -421,7 +428,7 @@ def test_read_only_installation(tmp_path):
         [
             sys.executable,
             "-c",
-            "from runtime.jit import kernel\nimport runtime.jit as j, numba.core.caching as c\n"
+            "from runtime.compute.jit import kernel\nimport runtime.compute.jit as j, numba.core.caching as c\n"
             "class Nowhere(c.CacheImpl):\n"
             "    pass\n"
             "c.CompileResultCacheImpl._locator_classes = []\n"
@@ -431,7 +438,7 @@ def test_read_only_installation(tmp_path):
         capture_output=True,
         text=True,
         timeout=120,
-        cwd=Path(__file__).parents[2],
+        cwd=ROOT,
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("no folder for compiled kernels is writable") == 1
@@ -440,14 +447,14 @@ def test_read_only_installation(tmp_path):
 @pytest.mark.parametrize("refine", ["near", "all"])
 def test_equal_to_pytorch_from_scan_to_points(refine):
     """Committed scans, through everything, against what the PyTorch network gave for the naive input."""
-    from runtime.sequence import open_sequence
+    from runtime.recordings.sequence import open_sequence
 
-    runner = MosRunner(TINY, threads=2, postprocess="head", refine=refine)
-    sequence = open_sequence(TINY.parent / "scans/sequences/00")
+    runner = MosRunner(BUNDLE, threads=2, postprocess="head", refine=refine)
+    sequence = open_sequence(BUNDLE.parent / "scans/sequences/00")
     for i in range(len(sequence)):
         scan, pose = sequence.read(i)
         result = runner(scan, pose)
-    want = np.load(TINY.parent / "expected.npy")
+    want = np.load(BUNDLE.parent / "expected.npy")
     assert result.ready
     assert (scan[want.sum(1) == 0, :3] == 0).all()  # the one point at the origin
     off = np.abs(result.probability - want[:, 2]) > 1e-4

@@ -1,0 +1,144 @@
+"""Writing a bundle: whole or not at all, and the same bytes for the same content."""
+
+import contextlib
+import dataclasses
+import io
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from torch import Tensor, nn
+
+from runtime.bundle.head_shape import PointHeadConfig
+from runtime.bundle.manifest import FORMAT, MANIFEST, NETWORK_FILES, FileEntry, Manifest, sha256_of
+from runtime.errors import BundleError, CheckpointError, OutputError
+from runtime.head.weights import EPSILON, fold, layers
+
+
+@contextlib.contextmanager
+def replacing(target: Path) -> Iterator[Path]:
+    """A folder to write a bundle into; it becomes `target` when the block ends, and vanishes if the block raises.
+
+    Of a bundle that is at `target` already, the files that are not part of it (model card, checkpoint) are kept. Raises
+    BundleError where something else is there, OutputError where the disk refuses.
+    """
+    if target.exists() and not (target / MANIFEST).is_file() and not (target.is_dir() and _only_extras(target)):
+        raise BundleError(f"{target}: is there already and is no bundle; choose another --out")
+    # abspath, not resolve: a link must not be written through
+    temporary = Path(os.path.abspath(target)).with_name(f".{target.name}.{os.getpid()}.new")
+    try:
+        temporary.mkdir(parents=True)
+        try:
+            yield temporary
+            _keep_extras(target, temporary)
+            _swap(temporary, target)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+    except OSError as error:
+        if isinstance(error, OutputError):
+            raise
+        raise OutputError(f"{target}: could not be written ({error}); what was there is as it was") from error
+
+
+def _only_extras(folder: Path) -> bool:
+    """Whether a folder holds at most what goes beside a bundle."""
+    return {item.name for item in folder.iterdir()} <= {"checkpoint.pt", "README.md"}
+
+
+def _keep_extras(old: Path, new: Path) -> None:
+    if old.is_dir():
+        for item in sorted(old.iterdir()):
+            if item.name == MANIFEST or item.name in NETWORK_FILES:
+                continue
+            if item.is_dir():
+                shutil.copytree(item, new / item.name)
+            else:
+                shutil.copy2(item, new / item.name)
+
+
+def _swap(new: Path, target: Path) -> None:
+    """Put `new` in the place of `target`; if that fails, `target` is as it was."""
+    if not target.exists():
+        new.rename(target)
+        return
+    aside = new.with_suffix(".old")
+    target.rename(aside)
+    try:
+        new.rename(target)
+    except OSError:
+        aside.rename(target)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write `manifest.json`."""
+    values = {"format": FORMAT} | dataclasses.asdict(manifest)
+    text = json.dumps(values, indent=1, allow_nan=False) + "\n"
+    (folder / MANIFEST).write_text(text, encoding="utf-8")
+
+
+def file_entry(path: Path, precision: str) -> FileEntry:
+    """What the manifest says of a file."""
+    return FileEntry(sha256_of(path), path.stat().st_size, precision)
+
+
+def head_arrays(head: nn.Module, config: PointHeadConfig, half: bool) -> dict[str, np.ndarray]:
+    """What `point_head.npz` holds: the weights of `runtime.head.weights.fold`.
+
+    `half`: kernels as they are in the checkpoint, in float16, each with the float32 scale of its BatchNorm beside it
+    (`NAME.scale`); so a checkpoint in half precision loses nothing.
+    """
+    state = {key: value.detach().numpy() for key, value in head.state_dict().items()}
+    arrays: dict[str, np.ndarray] = dict(fold(state, config))
+    for layer in layers(config) if half else ():
+        scale = np.ones(layer.outputs)
+        if layer.norm:
+            variance = state[f"{layer.norm}.running_var"].astype(np.float64)
+            scale = state[f"{layer.norm}.weight"] / np.sqrt(variance + EPSILON)
+        kernel = state[layer.source].T if layer.linear else state[layer.source]
+        arrays[f"{layer.name}.weight"] = kernel.astype(np.float16)
+        arrays[f"{layer.name}.scale"] = scale.astype(np.float32)
+    return arrays
+
+
+def write_point_head(path: Path, head: nn.Module, config: PointHeadConfig, half: bool) -> None:
+    """Write `point_head.npz`; `half` as in `head_arrays`."""
+    arrays = head_arrays(head, config, half)
+    buffer = io.BytesIO()
+    np.savez(buffer, **{key: np.ascontiguousarray(arrays[key]) for key in sorted(arrays)})
+    path.write_bytes(buffer.getbuffer())
+
+
+def rounded_to_half(module: nn.Module, what: str) -> None:
+    """Round every kernel and matrix of `module` to what float16 holds, in place; vectors stay as they are.
+
+    Raises CheckpointError where a weight is beyond the range of float16.
+    """
+    state: Mapping[str, Tensor] = module.state_dict()
+    lost = []
+    for key, value in state.items():
+        if value.ndim > 1 and value.is_floating_point():
+            half = value.half()
+            if not bool(half.isfinite().all()):
+                lost.append(key)
+            value.copy_(half.float())
+    if lost:
+        raise CheckpointError(f"{what}: too large for float16: {', '.join(lost)}; export with --weights float32")
+
+
+def plain(values: Any) -> Any:
+    """JSON values of a training record; tensors and the like are left out."""
+    if isinstance(values, Mapping):
+        return {str(key): plain(value) for key, value in values.items() if _is_plain(value)}
+    if isinstance(values, (list, tuple)):
+        return [plain(value) for value in values if _is_plain(value)]
+    return values
+
+
+def _is_plain(value: Any) -> bool:
+    return value is None or isinstance(value, (bool, int, float, str, Mapping, list, tuple))

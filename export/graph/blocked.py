@@ -1,0 +1,81 @@
+"""Two blocks of the network in a form that ONNX Runtime computes without leaving its blocked memory layout.
+
+ONNX Runtime's fast convolutions keep 8 or 16 channels of a pixel together. Slices know only the plain layout, so each
+costs a pass over the map to reorder it, there and back. A convolution that copies one pixel of its window does the
+same as a slice, in the blocked layout. The values are those of `mos_model.networks.blocks`, to the last bit but for the
+order of sums.
+"""
+
+import copy
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from mos_model.networks.blocks import MetaKernel, SoftPool, act
+
+CENTRE = 4  # of the nine pixels of a 3x3 window, row by row
+NEIGHBOURS = (0, 1, 2, 3, 5, 6, 7, 8)
+
+
+def with_blocked_forms(network: nn.Module) -> nn.Module:
+    """A copy of `network` with each SoftPool and MetaKernel in its form for ONNX Runtime."""
+    network = copy.deepcopy(network)
+    for module in list(network.modules()):
+        for name, child in module.named_children():
+            if isinstance(child, SoftPool):
+                setattr(module, name, BlockedSoftPool())
+            elif isinstance(child, MetaKernel):
+                setattr(module, name, BlockedMetaKernel(child))
+    return network
+
+
+def copies(size: int) -> Tensor:
+    """(size * size, 1, 1, size, size): kernel j copies pixel j (row-major) of a window."""
+    return torch.eye(size * size).view(size * size, 1, 1, size, size)
+
+
+class BlockedSoftPool(nn.Module):
+    """SoftPool (paper, Sec. III-C); the window's pixels come from four copying convolutions."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.register_buffer("copy", copies(2))
+
+    def forward(self, x: Tensor) -> Tensor:
+        c = x.shape[1]
+        pixels = [F.conv2d(x, kernel.expand(c, 1, 2, 2), stride=2, groups=c) for kernel in self.copy.unbind()]
+        a, b, c, d = pixels  # 4 x (B, C, H/2, W/2)
+        top = torch.maximum(torch.maximum(a, b), torch.maximum(c, d))
+        ea, eb, ec, ed = ((pixel - top).exp() for pixel in pixels)  # 0..1, one of them 1: no overflow
+        return (a * ea + b * eb + c * ec + d * ed) / (ea + eb + ec + ed)
+
+
+class BlockedMetaKernel(nn.Module):
+    """MetaKernel (paper, Sec. III-A); conv1 of (neighbour - centre) is one 3x3 convolution with two taps.
+
+    The centre differs from itself by nothing, so its weights are the same for every pixel: with those of conv1x1 they
+    make one convolution.
+    """
+
+    def __init__(self, block: MetaKernel) -> None:
+        super().__init__()
+        self.bias, self.conv2, self.conv1x1 = block.conv1.bias, block.conv2, block.conv1x1
+        self.register_buffer("copy", copies(3))
+        difference = self.copy - self.copy[CENTRE]  # (9, 1, 1, 3, 3)
+        self.register_buffer("near", block.conv1.weight.detach() * difference)  # (9, 16, 5, 3, 3)
+        with torch.no_grad():
+            same = self.conv2(act(self.bias)[None, :, None, None])  # (1, c, 1, 1)
+            self.register_buffer("centre", self.conv1x1.weight[:, CENTRE::9] * same)  # (c, c, 1, 1)
+
+    def weight(self, x: Tensor, j: int) -> Tensor:
+        """(B, c, H, W): weights of neighbour j from the coordinates (B, 5, H, W)."""
+        return self.conv2(act(F.conv2d(x, self.near[j], self.bias, padding=1)))
+
+    def forward(self, x: Tensor, features: Tensor) -> Tensor:
+        c = features.shape[1]
+        out = F.conv2d(features, self.centre, self.conv1x1.bias)  # (B, c, H, W)
+        for j in NEIGHBOURS:
+            neighbour = F.conv2d(features, self.copy[j].expand(c, 1, 3, 3), padding=1, groups=c)
+            out = out + F.conv2d(self.weight(x, j) * neighbour, self.conv1x1.weight[:, j::9])  # (B, c, H, W)
+        return out

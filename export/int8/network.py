@@ -1,0 +1,68 @@
+"""The image network in integers: from the PyTorch module and calibration images to an ONNX model."""
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from torch import nn
+
+from export.graph.graph import Graph, to_model
+from export.graph.rewrite import bias_of, fold_norms, set_bias, trim_kernels
+from export.graph.tracing import trace
+from export.int8.blocks import with_integer_forms
+from export.int8.calibration import find_ranges, find_widths, halves_of
+from export.int8.channels_last import integer_operations
+from export.int8.equalise import equalise
+from export.int8.layout import means_to_pools, shuffle_blocks, spread_factors, spread_gates
+from export.int8.quantise import LARGEST, clipped, integer_values, last_convolutions, layers, quantised, roots
+from export.int8.shifts import carry_shifts, to_relu
+from mos_model.networks.network import CLASSES
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A network that is ready to be written in integers."""
+
+    graph: Graph  # rewritten, in float
+    layers: dict[str, list[str]]  # convolutions that may compute in integers (names of outputs), by layer
+    ranges: dict[str, tuple[float, float]]  # of every value that may become integers
+
+    def pairs(self, floats: Collection[str] = (), largest: int = LARGEST) -> Graph:
+        """The graph with Quantize and Dequantize pairs; `floats` stay in float, `largest` see `quantised`."""
+        chosen = {output for layer, outputs in self.layers.items() if layer not in floats for output in outputs}
+        return quantised(self.graph, chosen, self.ranges, largest)
+
+    def model(self, floats: Collection[str] = (), moving: float = 0.0) -> bytes:
+        """The ONNX model in integer operations; `floats` stay in float, `moving` is added to that class's logit."""
+        graph, last = self.pairs(floats), last_convolutions(self.graph)
+        for node in graph.nodes:
+            if node.output in last:
+                bias = bias_of(graph, node)
+                bias[-(len(bias) // CLASSES) :] += moving  # the channels of a class lie together
+                set_bias(graph, node, bias)
+        return to_model(integer_operations(graph)).SerializeToString(deterministic=True)
+
+
+def prepare(network: nn.Module, shape: tuple[int, ...], images: Sequence[np.ndarray]) -> Prepared:
+    """Rewrite `network` for integers and find the ranges of its values on `images` (each of `shape`)."""
+    graph = trace(with_integer_forms(network), shape)
+    kernels = {node.output: node.inputs[1] for node in graph.nodes if node.op == "Conv"}
+    to_relu(graph, halves_of(graph, images))
+    fold_norms(graph)
+    trim_kernels(graph)
+    carry_shifts(graph)
+    means_to_pools(graph)
+    spread_factors(graph)
+    spread_gates(graph)
+    shuffle_blocks(graph)
+    chosen = layers(graph)
+    found: dict[str, list[str]] = {}
+    for output in chosen:
+        name = re.sub(r"_\d+$", "", kernels[output])  # that of a weight which several nodes take is numbered
+        layer = name.removeprefix("network.").removesuffix(".weight")
+        found.setdefault(layer, []).append(output)
+    values = integer_values(graph, chosen)
+    equalise(graph, find_widths(graph, set(roots(graph, values).values()), images))
+    # what was moved has a range too, for where the layers that it comes from stay in float
+    return Prepared(graph, found, find_ranges(graph, values.keys() - clipped(graph, values).keys(), images))

@@ -1,0 +1,173 @@
+"""Training samples: network inputs and labels, made by the runtime's own kernels.
+
+A source makes *groups* of samples; a group is a pure function of the source and its number, so that any
+process may make it, in any order, and training can go on from anywhere.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mos_model.data.augment import NONE, Augmentation, augment
+from mos_model.data.labels import MOVING, label_classes
+from runtime.compute.workers import Workers
+from runtime.errors import SettingError
+from runtime.image.inputs import InputBuilder
+from runtime.sensors.sensor import HISTORY, Residual, Sensor
+
+VALIDATION_STREETS = 10_000_000  # seeds from here on are held out
+
+
+class Frame(NamedTuple):
+    """One scan with labels."""
+
+    points: NDArray[np.float32]  # (N, 4) m and remission, LiDAR frame; all finite, none at the origin
+    pose: NDArray[np.float64]  # (4, 4) T_world_lidar
+    classes: NDArray[np.uint8]  # (N,) 0 unlabelled, 1 static, 2 moving
+
+
+def make_frame(points: NDArray[np.float32], pose: NDArray[np.float64], classes: NDArray[np.uint8]) -> Frame:
+    """A frame of those points that have a direction."""
+    distance = np.abs(points[:, 0]) + np.abs(points[:, 1]) + np.abs(points[:, 2])
+    good = (distance > 0) & (distance < np.inf)
+    return Frame(points, pose, classes) if good.all() else Frame(points[good], pose, classes[good])
+
+
+class Sample(NamedTuple):
+    """What the network sees of one frame, and what it should say."""
+
+    image: NDArray[np.float32]  # (5 + lags, H, W)
+    labels: NDArray[np.uint8]  # (H, W) class of the nearest point of each pixel; 0 also where it is empty
+    xyz: NDArray[np.float32]  # (N, 3) m; (0, 3) unless the points were asked for
+    pixel: NDArray[np.int32]  # (N,) v * W + u
+    classes: NDArray[np.uint8]  # (N,)
+
+
+class Source(Protocol):
+    """Where samples come from. Picklable: worker processes get a copy."""
+
+    @property
+    def group_size(self) -> int:
+        """Samples of every group."""
+
+    def group(self, number: int) -> list[Sample]:
+        """The samples of group `number` = 0, 1, ..."""
+
+
+@dataclass(frozen=True)
+class SampleConfig:
+    """How a frame becomes a sample."""
+
+    sensor: Sensor = field(default_factory=Sensor)
+    residual: Residual = field(default_factory=Residual)
+    augmentation: Augmentation = NONE
+    crop: int = 0  # columns of the part of the image that is kept; 0: all
+    crop_on_moving: float = 0.0  # share of the crops that hold a mover, if the image has one
+    points: bool = False  # give the points too (for the point head), those of the crop
+
+    def __post_init__(self) -> None:
+        if self.crop and (self.crop % 16 or not 16 <= self.crop <= self.sensor.width):
+            raise SettingError(
+                f"crop must be a multiple of 16 up to the image width {self.sensor.width}, not {self.crop}"
+            )
+
+
+def make_samples(
+    frames: Sequence[Frame | None], config: SampleConfig, rng: np.random.Generator, crops: int = 1
+) -> list[Sample]:
+    """Samples of the last of `frames`; the others are the scans before it (None: missing), the oldest first.
+
+    The crops of one frame come from the same augmented image.
+    """
+    current = frames[-1]
+    if current is None:
+        raise SettingError("the last frame of a sample must not be missing")
+    past = list(reversed(frames[:-1]))
+    to_current = np.linalg.inv(current.pose)
+    relative = [None if frame is None else to_current @ frame.pose for frame in past]
+    scans = [None if frame is None else frame.points for frame in past]
+    made = augment(current.points, current.classes, scans, relative, config.augmentation, rng)
+    builder = InputBuilder(config.sensor, config.residual, Workers(1))
+    built = builder.build(made.points, made.past, made.relative)
+    labels = np.where(built.first < 0, np.uint8(0), made.labels[built.first])
+    whole = Sample(built.image, labels, _NOWHERE, _NO_PIXEL, _NO_CLASS)
+    if config.points:
+        whole = Sample(built.image, labels, made.points[:, :3].copy(), built.pixel, made.labels)
+    if not config.crop:
+        return [whole]
+    return [_cropped(whole, _draw_columns(labels, config, rng)) for _ in range(crops)]
+
+
+_NOWHERE, _NO_PIXEL, _NO_CLASS = np.empty((0, 3), np.float32), np.empty(0, np.int32), np.empty(0, np.uint8)
+
+
+def _cropped(sample: Sample, columns: NDArray[np.int64]) -> Sample:
+    """The part of a sample in some neighbouring columns of its image."""
+    width, crop = sample.labels.shape[1], len(columns)
+    column = (sample.pixel % width - columns[0]) % width
+    kept = column < crop
+    pixel = (sample.pixel // width * crop + column)[kept].astype(np.int32)
+    return Sample(sample.image[:, :, columns], sample.labels[:, columns], sample.xyz[kept], pixel, sample.classes[kept])
+
+
+def _draw_columns(labels: NDArray[np.uint8], config: SampleConfig, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Columns of a crop; it may reach over the seam of the image."""
+    width = labels.shape[1]
+    start = int(rng.integers(width))
+    with_mover = np.flatnonzero((labels == MOVING).any(axis=0))
+    if rng.random() < config.crop_on_moving and len(with_mover):
+        start = int(rng.choice(with_mover)) - int(rng.integers(config.crop))
+    return np.arange(start, start + config.crop) % width
+
+
+@dataclass(frozen=True)
+class SimulatedStreets:
+    """Endless simulated streets; a group is one street."""
+
+    samples: SampleConfig
+    seed: int = 0
+    profile: str = "hdl64e"  # sensor of the simulator
+    frames: int = 8  # scans of a street that become samples
+    every: int = 2  # scans between them
+    crops: int = 1  # of each of them
+    first_street: int | None = None  # streets are numbered from here instead of by the seed (validation)
+    movers: float | None = None  # density of the traffic; None: drawn for each street
+
+    @property
+    def group_size(self) -> int:
+        """Samples of a street."""
+        return self.frames * (self.crops if self.samples.crop else 1)
+
+    def group(self, number: int) -> list[Sample]:
+        """Simulate a street and make samples of some of its scans, all with a full history."""
+        from mos_model.simulator import simulate
+
+        street = (self.seed * 100_003 + number) % VALIDATION_STREETS
+        if self.first_street is not None:
+            street = self.first_street + number
+        rng = np.random.default_rng((self.seed, number))
+        history: deque[Frame] = deque(maxlen=HISTORY + 1)
+        samples: list[Sample] = []
+        length = HISTORY + 1 + self.every * (self.frames - 1)
+        for index, scan in enumerate(simulate(street, length, sensor=self.profile, movers=self.movers)):
+            history.append(make_frame(scan.points, scan.pose, label_classes(scan.labels)))
+            if index >= HISTORY and (index - HISTORY) % self.every == 0:
+                samples += make_samples(list(history), self.samples, rng, self.crops)
+        return samples
+
+
+def class_frequency(source: Source, samples: int) -> NDArray[np.float64]:
+    """Share (3,) of each class in the first `samples` samples of a source, rounded up to whole groups.
+
+    Of points, where the samples have them, or else of pixels (empty ones count as unlabelled).
+    """
+    counts = np.zeros(3, np.int64)
+    for number in range(-(-samples // source.group_size)):
+        for sample in source.group(number):
+            labels = sample.classes if len(sample.classes) else sample.labels
+            counts += np.bincount(labels.reshape(-1), minlength=3)
+    return counts / max(1, counts.sum())

@@ -1,0 +1,56 @@
+"""Whether a checkpoint may be the start of a run, or what it goes on from."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mos_model.networks.config import ModelConfig, differing_fields
+from mos_model.training.distributed import Ranks
+from mos_model.training.recipe import TrainConfig
+from runtime.errors import CheckpointError
+
+# Settings that may change on resuming.
+FREE = {"steps", "validate_every", "validation_streets", "validation_frames", "precision"}
+
+
+def check_start(start: dict[str, Any], model: ModelConfig, path: Path) -> None:
+    """Refuse a checkpoint of another image network. Its name, sensor and point head may differ."""
+    found = ModelConfig.from_dict(start["config"])
+    comparable = replace(found, name=model.name, sensor=model.sensor, point_head=model.point_head)
+    if differences := differing_fields(comparable, model):
+        raise CheckpointError(
+            f"{path}: of another network (its own against the one to train): {'; '.join(differences)}"
+        )
+
+
+def check_resumable(
+    previous: dict[str, Any], model: ModelConfig, config: TrainConfig, ranks: Ranks, path: Path
+) -> None:
+    """Refuse to go on with other settings than those that the run began with."""
+    training = previous["training"]
+    if "resume" not in training:
+        raise CheckpointError(f"{path}: was not written by training, so there is nothing to go on from")
+    expected = model if config.stage == 2 else replace(model, point_head=None)
+    problems = differing_fields(ModelConfig.from_dict(previous["config"]), expected)
+    before, now = _flat(training["config"]), _flat(config.to_dict())
+    problems += [
+        f"{key}: {before[key]!r} against {now.get(key)!r}"
+        for key in before
+        if key not in FREE and before[key] != now.get(key)
+    ]
+    if training["world"] != ranks.world:
+        problems.append(f"processes: {training['world']} against {ranks.world}")
+    if problems:
+        raise CheckpointError(
+            f"{path}: of a run with other settings (its own against those given): {'; '.join(problems)}. "
+            "Repeat its settings to resume it; use --init to start anew from its weights"
+        )
+
+
+def _flat(settings: dict[str, Any]) -> dict[str, Any]:
+    """Nested settings with their names joined by dots."""
+    flat: dict[str, Any] = {}
+    for name, value in settings.items():
+        inner = _flat(value) if isinstance(value, dict) else {}
+        flat |= {f"{name}.{key}": item for key, item in inner.items()} if inner else {name: value}
+    return flat

@@ -1,0 +1,89 @@
+"""Training and validation samples of a run: simulated streets, or a data set on disk."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from mos_model.data.augment import NONE
+from mos_model.data.dataset import VALIDATION_STREETS, SampleConfig, SimulatedStreets
+from mos_model.data.kitti import RecordedFrames, open_recordings, training_frames, validation_frames
+from mos_model.networks.config import ModelConfig
+from mos_model.simulator.sensors import sensor_profile
+from mos_model.training.recipe import TrainConfig
+from mos_model.training.validation import Validation
+from runtime.sensors.sensor import Sensor
+
+
+@dataclass(frozen=True)
+class Data:
+    """Where the samples come from."""
+
+    root: Path | None = None  # of a data set in the layout of SemanticKITTI; None: simulated streets
+    train: tuple[str, ...] = ()  # sequences
+    validation: tuple[str, ...] = ()
+    profile: str = "hdl64e"  # sensor of the simulator
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "root": str(self.root) if self.root else None,
+            "train": list(self.train),
+            "validation": list(self.validation),
+            "profile": self.profile,
+        }
+
+
+SIMULATED = Data()
+
+
+def sample_config(model: ModelConfig, config: TrainConfig) -> SampleConfig:
+    """How a recipe makes training samples for a network."""
+    return SampleConfig(
+        model.sensor,
+        model.residual,
+        config.augmentation,
+        config.crop,
+        config.crop_on_moving,
+        points=config.stage == 2,
+    )
+
+
+def image_sensor(profile: str) -> Sensor:
+    """The range image of a sensor of the simulator; normalised as the published HDL-64E networks."""
+    if profile == "hdl64e":
+        return Sensor()
+    beams = sensor_profile(profile)
+    top, bottom = beams.elevations[0], beams.elevations[-1]
+    margin = (top - bottom) / (beams.beams - 1) / 2  # every beam in the middle of its row
+    width = 2048 if beams.azimuth_steps >= 2048 else 1024
+    return Sensor(height=max(16, beams.beams), width=width, fov_up=top + margin, fov_down=bottom - margin)
+
+
+def simulated_data(
+    model: ModelConfig, config: TrainConfig, data: Data = SIMULATED
+) -> tuple[SimulatedStreets, Validation]:
+    """Training streets, and held-out ones of fixed seeds, whole and as they are."""
+    profile = data.profile
+    samples = sample_config(model, config)
+    streets = SimulatedStreets(samples, config.seed, profile, config.street_frames, config.street_every, config.crops)
+    held_out = SimulatedStreets(
+        replace(samples, augmentation=NONE, crop=0),
+        profile=profile,
+        frames=config.validation_frames,
+        every=4,
+        first_street=VALIDATION_STREETS,
+    )
+    return streets, Validation(held_out, config.validation_streets, keep=True)
+
+
+def recorded_data(model: ModelConfig, config: TrainConfig, data: Data) -> tuple[RecordedFrames, Validation | None]:
+    """Training and validation frames of a data set on disk, all of it checked."""
+    assert data.root is not None
+    samples = sample_config(model, config)
+    recordings = open_recordings(data.root, data.train + data.validation)
+    train, held_out = recordings[: len(data.train)], recordings[len(data.train) :]
+    frames = training_frames(samples, train, config.seed, config.crops)
+    if not held_out:
+        return frames, None
+    whole = validation_frames(replace(samples, augmentation=NONE, crop=0), held_out)
+    return frames, Validation(whole, len(whole.frames))

@@ -1,0 +1,106 @@
+"""What a stage of the training trains: the modules, how a batch goes through them, and what is saved."""
+
+from abc import ABC, abstractmethod
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from mos_model.data.dataset import Sample
+from mos_model.networks import checkpoint
+from mos_model.networks.config import ModelConfig
+from mos_model.networks.network import build_image_network, build_point_head
+from mos_model.training.losses import Loss, segmentation_loss
+from runtime.errors import SettingError
+
+
+class Scored(NamedTuple):
+    """What a batch gave."""
+
+    loss: Loss
+    labels: Tensor  # classes, any shape
+    predicted: Tensor  # classes 1 or 2, of the same shape
+
+
+class Task(ABC):
+    """One of the two stages. `trained` is what the optimiser changes."""
+
+    config: ModelConfig
+    trained: nn.Module
+
+    def __init__(self, weights: Tensor, device: torch.device) -> None:
+        """weights: (3,) of the classes in the cross-entropy."""
+        self.weights, self.device = weights.to(device), device
+
+    @abstractmethod
+    def forward(self, trained: nn.Module, batch: list[Sample]) -> tuple[Tensor, Tensor]:
+        """Logits (B, 3, ...) and labels (B, ...); `trained` may be wrapped for several processes."""
+
+    @abstractmethod
+    def save(self, path: Path, training: dict[str, Any]) -> None:
+        """Write a checkpoint."""
+
+    def score(self, trained: nn.Module, batch: list[Sample]) -> Scored:
+        """Loss and predictions of a batch."""
+        logits, labels = self.forward(trained, batch)
+        moving = logits.detach()[:, 2] > logits.detach()[:, 1]
+        return Scored(segmentation_loss(logits, labels, self.weights), labels, 1 + moving.to(torch.uint8))
+
+    def to_device(self, arrays: list[np.ndarray]) -> Tensor:
+        """One tensor (B, ...) of equal arrays."""
+        return torch.from_numpy(np.stack(arrays)).to(self.device)
+
+
+class ImageTask(Task):
+    """Stage 1: the image network, on pixels."""
+
+    def __init__(self, config: ModelConfig, weights: Tensor, device: torch.device) -> None:
+        super().__init__(weights, device)
+        self.config = replace(config, point_head=None)
+        # Channels last trains "rt" a sixth faster on a CPU, and the others no faster.
+        self.layout = torch.channels_last if config.network == "rt" else torch.contiguous_format
+        self.trained = build_image_network(config).to(device, memory_format=self.layout)
+
+    def forward(self, trained: nn.Module, batch: list[Sample]) -> tuple[Tensor, Tensor]:
+        """See `Task`."""
+        image = self.to_device([sample.image for sample in batch])  # (B, 5 + lags, H, W)
+        image = image.contiguous(memory_format=self.layout)
+        return trained(image).logits, self.to_device([sample.labels for sample in batch])
+
+    def save(self, path: Path, training: dict[str, Any]) -> None:
+        """See `Task`."""
+        checkpoint.save(path, self.config, self.trained, training=training)
+
+
+class PointTask(Task):
+    """Stage 2: the point head, on points; the image network is frozen."""
+
+    def __init__(self, config: ModelConfig, image_net: nn.Module, weights: Tensor, device: torch.device) -> None:
+        super().__init__(weights, device)
+        head = build_point_head(config)
+        if head is None:
+            raise SettingError(f"{config.name} has no point head to train: choose v2 or v2-lite, or stage 1")
+        self.config = config
+        self.image_net = image_net.to(device).eval().requires_grad_(False)
+        self.head = self.trained = head.to(device)
+
+    def forward(self, trained: nn.Module, batch: list[Sample]) -> tuple[Tensor, Tensor]:
+        """See `Task`."""
+        with torch.no_grad():
+            output = self.image_net(self.to_device([sample.image for sample in batch]))
+        parts, xyz, scan, labels = [], [], [], []
+        for b, sample in enumerate(batch):
+            pixel = torch.from_numpy(sample.pixel).to(self.device, torch.int64)
+            parts.append(output.features_at(b, pixel))  # (N, c)
+            xyz.append(torch.from_numpy(sample.xyz).to(self.device))
+            scan.append(torch.full_like(pixel, b))
+            labels.append(torch.from_numpy(sample.classes).to(self.device))
+        grid = self.head.grid(torch.cat(xyz), torch.cat(scan))
+        return trained(grid, torch.cat(parts)), torch.cat(labels)
+
+    def save(self, path: Path, training: dict[str, Any]) -> None:
+        """See `Task`."""
+        checkpoint.save(path, self.config, self.image_net, self.trained, training=training)

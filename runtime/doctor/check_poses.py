@@ -1,0 +1,152 @@
+"""Are poses rigid, whole, in the right frame and in step with their scans?"""
+
+from pathlib import Path
+
+import numpy as np
+
+from runtime.doctor.alignment import REACH, Landmarks, choose_pairs, misfits
+from runtime.doctor.findings import Finding, some
+from runtime.errors import PoseError, ScanError
+from runtime.recordings.poses import Pose, Poses, camera_to_lidar, check_pose, read_calib
+from runtime.recordings.scans import read_scan
+from runtime.recordings.sequence import PoseFiles
+
+KITTI_AXES = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])  # T_camera_lidar, roughly
+PERIOD = 0.1  # s between scans of SemanticKITTI, and of the simulated streets
+SHIFT = 3  # scans by which poses are tried earlier and later
+FITS = 0.3  # m, median distance between static surroundings that fall together
+STANDS = 0.3  # m, motion of a point 10 m away that is none
+BETTER = 0.93  # poses out of step must lower the misfit to this share to be believed
+MUCH_BETTER = 0.7  # the same for another meaning of all the poses
+
+
+def check_rigid(poses: Poses, file: Path) -> list[Finding]:
+    """Every pose finite and rigid."""
+    broken = []
+    for i, pose in enumerate(poses):
+        try:
+            check_pose(pose, f"pose {i}")
+        except PoseError as error:
+            broken.append(str(error))
+    if broken:
+        rest = f" (and {len(broken) - 1} more poses)" if len(broken) > 1 else ""
+        return [Finding("bad", "poses", f"{file}: {broken[0]}{rest}")]
+    return [Finding("ok", "poses", f"{len(poses)} poses, all finite and rigid")]
+
+
+def check_steps(poses: Poses) -> list[Finding]:
+    """Jumps between consecutive poses (T, 4, 4): steps much longer or more turning than both beside them."""
+    if len(poses) < 2:
+        return []
+    relative = np.linalg.inv(poses[:-1]) @ poses[1:]
+    length = np.linalg.norm(relative[:, :3, 3], axis=1)
+    cosine = (np.trace(relative[:, :3, :3], axis1=1, axis2=2) - 1) / 2
+    angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    jumps = [
+        f"{i} to {i + 1} ({length[i]:.1f} m, {angle[i]:.0f} degrees)"
+        for i in range(len(relative))
+        if length[i] > 1.5 * _beside(length, i) + 0.2 or angle[i] > 1.5 * _beside(angle, i) + 5
+    ]
+    usual = f"{np.median(length):.2f} m and {np.median(angle):.1f} degrees a scan"
+    if jumps:
+        return [Finding("warn", "motion", f"poses jump from {some(jumps)}, usual are {usual}: scans missing?")]
+    return [Finding("ok", "motion", f"steady, {usual}")]
+
+
+def _beside(values: np.ndarray, i: int) -> float:
+    return float(max(values[max(i - 1, 0) : i].max(initial=0), values[i + 1 : i + 2].max(initial=0)))
+
+
+def check_times(file: Path, scans: int) -> list[Finding]:
+    """Rate and gaps in KITTI's times.txt, one time in s a scan; nothing to say where there is none."""
+    if not file.is_file():
+        return []
+    try:
+        times = np.array([float(field) for field in file.read_text().split()])
+    except ValueError:
+        return [Finding("warn", "times", f"{file}: is not made of numbers")]
+    if len(times) != scans:
+        return [Finding("warn", "times", f"{file}: {len(times)} times for {scans} scans")]
+    steps = np.diff(times)
+    if len(steps) == 0:
+        return []
+    usual = float(np.median(steps))
+    gaps = [f"{i} to {i + 1} ({step:.2f} s)" for i, step in enumerate(steps) if not 0.5 * usual < step < 1.5 * usual]
+    if gaps:
+        return [Finding("warn", "times", f"time jumps from {some(gaps)}, usual are {usual:.2f} s: scans missing?")]
+    if not 0.75 * PERIOD < usual < 1.5 * PERIOD:
+        text = f"{usual:.3g} s a scan, no gap; networks are trained at {PERIOD:g} s, and see motion that much weaker or"
+        return [Finding("warn", "times", f"{text} stronger: thin the scans out, or train at your rate")]
+    return [Finding("ok", "times", f"{usual:.2f} s a scan, no gap")]
+
+
+def check_alignment(scans: tuple[Path, ...], poses: Poses, others: list[tuple[str, Poses]]) -> list[Finding]:
+    """Static surroundings under these poses against no poses, `others` (see `other_readings`) and poses out
+    of step.
+
+    poses: T_world_lidar, (len(scans), 4, 4).
+    """
+    pairs = choose_pairs(len(scans), SHIFT) or choose_pairs(len(scans), 0)
+    if not pairs:
+        return [Finding("warn", "alignment", "two scans are needed to see whether the poses fit")]
+    try:
+        landmarks = {i: Landmarks.of(read_scan(scans[i])) for i in sorted({i for pair in pairs for i in pair})}
+    except ScanError as error:
+        return [Finding("bad", "alignment", f"cannot be checked: {error}")]
+    if min(len(thing.points) for thing in landmarks.values()) < 100:
+        return [Finding("warn", "alignment", "too few walls, trunks or cars in sight to see whether the poses fit")]
+
+    def fit(trial: Poses, shift: int = 0) -> float:
+        return float(np.median(misfits(landmarks, trial, pairs, shift)))
+
+    each = misfits(landmarks, poses, pairs)
+    given, still = float(np.median(each)), fit(np.broadcast_to(np.eye(4), poses.shape))
+    gap = pairs[0][1] - pairs[0][0]
+    apart = f"static surroundings {gap} scan{'s' if gap > 1 else ''} later lie {_length(given)} off"
+    moves = max(_motion(np.linalg.inv(poses[a]) @ poses[b]) for a, b in pairs)
+    if moves < STANDS and still < FITS:
+        return [Finding("ok", "alignment", f"{apart}; nothing moves, so that a wrong frame or step would not show")]
+    for reading, trial in others:
+        if fit(trial) < MUCH_BETTER * given:
+            return [Finding("bad", "alignment", f"{apart}, but only {_length(fit(trial))} if {reading}")]
+    if given > FITS or given > still:
+        text = f"{apart}, and {_length(still)} with no poses at all: poses and scans do not belong together"
+        return [Finding("bad", "alignment", text)]
+    if pairs[0][0] >= SHIFT:
+        shifted = {shift: fit(poses, shift) for shift in range(-SHIFT, SHIFT + 1) if shift}
+        best = min(shifted, key=lambda shift: shifted[shift])
+        if shifted[best] < BETTER * given:
+            line = f"{abs(best)} line{'s' if abs(best) > 1 else ''} {'later' if best > 0 else 'earlier'}"
+            text = f"{apart}, but only {_length(shifted[best])} if each scan takes the pose {line}: out of step"
+            return [Finding("bad", "alignment", text)]
+    lost = [f"{a} to {b}" for (a, b), off in zip(pairs, each, strict=True) if off > max(FITS, 3 * given)]
+    if lost:
+        text = f"{apart}, but far more from {some(lost)}: are these poses right?"
+        return [Finding("warn", "alignment", text)]
+    return [Finding("ok", "alignment", f"{apart} ({_length(still)} with no poses): poses and scans fit")]
+
+
+def other_readings(folder: Path, files: PoseFiles, raw: Poses) -> list[tuple[str, Poses]]:
+    """Other things that the poses of a file (T, 4, 4) may mean: what to do then, and T_world_lidar."""
+    inverse = "they are inverted: the file seems to hold T_lidar_world"
+    inverted: Poses = np.linalg.inv(raw).astype(np.float64)
+    if files.calib is not None:
+        lidar = "they are taken as poses of the LiDAR: use --pose-frame lidar"
+        return [(lidar, raw), (inverse, camera_to_lidar(inverted, read_calib(files.calib)))]
+    try:
+        tr: Pose = read_calib(folder / "calib.txt")
+        camera = "they are taken as poses of KITTI's camera: use --pose-frame camera"
+    except PoseError:
+        tr = KITTI_AXES
+        camera = "they are taken as poses of a camera: use --pose-frame camera with its calib.txt"
+    return [(camera, camera_to_lidar(raw, tr)), (inverse, inverted)]
+
+
+def _motion(relative: Pose) -> float:
+    """About how far a point 10 m away moves at most, in m."""
+    angle = np.arccos(np.clip((np.trace(relative[:3, :3]) - 1) / 2, -1, 1))
+    return float(np.linalg.norm(relative[:3, 3]) + 10 * angle)
+
+
+def _length(metres: float) -> str:
+    return f"{100 * metres:.1f} cm" if metres < REACH else f"over {REACH:g} m"

@@ -1,0 +1,280 @@
+import shutil
+
+import numpy as np
+import pytest
+
+from runtime.doctor.diagnose import diagnose
+from runtime.recordings.poses import camera_to_lidar, read_calib, read_poses
+from runtime.recordings.scans import read_scan
+from runtime.sensors.sensor import Sensor
+from tests.support import street
+from tests.support.paths import KITTI
+
+SENSOR = Sensor(height=32, width=512, fov_up=3.0, fov_down=-25.0)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    return street.write_kitti(tmp_path_factory.mktemp("street") / "07", 14)
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    return shutil.copytree(made, tmp_path / "07")
+
+
+def levels(folder, topic=None, **options):
+    """(level, text) of all findings that are not ok, or of those about `topic`."""
+    findings = diagnose(folder, options.pop("sensor", SENSOR), **options)
+    return [(f.level, f.text) for f in findings if (f.level != "ok" if topic is None else f.topic == topic)]
+
+
+def only(folder, level, topic, *words, **options):
+    """There is one finding that is not ok: of this level and topic, with these words."""
+    findings = [f for f in diagnose(folder, options.pop("sensor", SENSOR), **options) if f.level != "ok"]
+    assert [(f.level, f.topic) for f in findings] == [(level, topic)], findings
+    for word in words:
+        assert word in findings[0].text, findings[0].text
+
+
+def change_scans(folder, change, every=1):
+    for i, path in enumerate(sorted((folder / "velodyne").iterdir())):
+        if i % every == 0:
+            change(scan := read_scan(path).copy())
+            scan.tofile(path)
+
+
+def change_poses(folder, change):
+    path = folder / "poses.txt"
+    street.write_poses(path, change(read_poses(path)))
+
+
+def test_a_healthy_sequence(folder):
+    assert levels(folder) == []
+    topics = [finding.topic for finding in diagnose(folder, SENSOR)]
+    assert topics == ["scans", "range", "remission", "field of view", "rows", "poses", "motion", "alignment"]
+    assert "about 32 beams" in levels(folder, "rows")[0][1]
+
+
+@pytest.mark.parametrize("name", ["00", "90"])
+@pytest.mark.skipif(not KITTI.is_dir(), reason="needs the KITTI scans in ../shared")
+def test_real_scans_are_healthy(name):
+    assert levels(KITTI / name, sensor=Sensor()) == []
+
+
+def test_without_a_bundle_no_sensor_is_compared(folder):
+    assert not {"field of view", "rows"} & {finding.topic for finding in diagnose(folder)}
+
+
+def test_missing_folder_and_missing_files(folder):
+    (folder / "poses.txt").unlink()
+    only(folder, "bad", "poses", "poses.txt", "--poses")
+    shutil.rmtree(folder / "velodyne")
+    only(folder, "bad", "scans", "holds no")
+
+
+def test_scan_cut_off(folder):
+    (folder / "velodyne" / "000013.bin").write_bytes(bytes(1001))
+    only(folder, "bad", "scans", "000013.bin", "no whole number")
+
+
+def test_scan_with_few_points(folder):
+    path = folder / "velodyne" / "000006.bin"
+    read_scan(path)[::3].tofile(path)
+    only(folder, "warn", "scans", "000006.bin", "less than half")
+
+
+def test_empty_scans(folder):
+    for path in (folder / "velodyne").iterdir():
+        path.write_bytes(b"")
+    assert ("bad", "no scan holds a usable point") in levels(folder)
+
+
+def test_missing_scan(folder):
+    (folder / "velodyne" / "000008.bin").unlink()
+    lines = (folder / "poses.txt").read_text().splitlines(keepends=True)
+    (folder / "poses.txt").write_text("".join(lines[:8] + lines[9:]))
+    found = levels(folder)
+    assert found[0] == ("warn", "file names jump from 7 to 9: scans are missing there")
+
+
+def test_nan(folder):
+    def spoil(scan):
+        scan[::100, 1] = np.nan
+
+    change_scans(folder, spoil)
+    only(folder, "warn", "points", "1.0 % hold NaN")
+
+
+def test_points_at_the_origin(folder):
+    def lose(scan, step=50):
+        scan[::step] = 0
+
+    change_scans(folder, lose)
+    assert levels(folder) == []
+    assert "2.0 % lie at the origin" in levels(folder, "points")[0][1]
+
+    def lose_most(scan):
+        scan[: 2 * len(scan) // 3] = 0
+
+    change_scans(folder, lose_most)
+    assert ("warn", "67 % lie at the origin (no return); they are left out and never moving") in levels(folder)
+
+
+def scale(column, factor, offset=0.0):
+    def change(scan):
+        scan[:, column] = scan[:, column] * factor + offset
+
+    return change
+
+
+def test_remission_of_a_byte(folder):
+    change_scans(folder, scale(3, 255))
+    only(folder, "bad", "remission", "0..1", "divide by 255")
+
+
+def test_constant_remission(folder):
+    change_scans(folder, scale(3, 0))
+    only(folder, "warn", "remission", "constant")
+
+
+def test_negative_remission(folder):
+    change_scans(folder, scale(3, 1, -0.3))
+    only(folder, "warn", "remission", "needs 0..1")
+
+
+def test_records_of_five_floats(folder):
+    for path in (folder / "velodyne").iterdir():
+        scan = read_scan(path)
+        scan = scan[: len(scan) // 4 * 4]
+        np.insert(scan, 4, np.arange(len(scan)) % 32, axis=1).astype(np.float32).tofile(path)
+    assert any(level == "bad" and "4 float32 each" in text for level, text in levels(folder))
+
+
+@pytest.mark.parametrize("name", ["000006", "000007"])
+def test_an_empty_scan(folder, name):
+    (folder / "velodyne" / f"{name}.bin").write_bytes(b"")
+    assert ("warn", f"{name}.bin: no points; every residual image needs its scan") in levels(folder, "scans")
+    assert "about 32 beams" in levels(folder, "rows")[0][1]
+
+
+def test_millimetres(folder):
+    change_scans(folder, scale(slice(0, 3), 1000))
+    assert any(level == "bad" and "millimetres" in text for level, text in levels(folder))
+
+
+def test_sensor_with_another_field_of_view(folder):
+    wide = Sensor(height=32, width=512, fov_up=45.0, fov_down=-45.0)
+    only(folder, "bad", "field of view", "only 29 % of its rows", sensor=wide)
+    narrow = Sensor(height=32, width=512, fov_up=10.0, fov_down=-10.0)
+    only(folder, "bad", "field of view", "lie outside", sensor=narrow)
+
+
+def test_sensor_with_more_or_fewer_rows(folder):
+    only(folder, "warn", "rows", "about 32 beams", "64 rows", "stay empty", sensor=Sensor())
+    only(folder, "bad", "rows", "128 rows", sensor=Sensor(height=128))
+    only(folder, "warn", "rows", "16 rows", "hide each other", sensor=Sensor(height=16))
+
+
+def test_short_poses(folder):
+    change_poses(folder, lambda poses: poses[:9])
+    only(folder, "bad", "poses", "9 poses for 14 scans")
+
+
+def test_more_poses(folder):
+    (folder / "velodyne" / "000000.bin").unlink()
+    only(folder, "warn", "poses", "line of its number (1 to 13")
+
+
+def test_bad_poses(folder):
+    def spoil(poses):
+        poses[4, 0, 3] = np.nan
+        poses[7, :3, :3] *= 1.1
+        return poses
+
+    change_poses(folder, spoil)
+    only(folder, "bad", "poses", "pose 4", "NaN", "1 more")
+
+
+def test_jump(folder):
+    def jump(poses):
+        poses[7:, 2, 3] += 5
+        return poses
+
+    change_poses(folder, jump)
+    found = levels(folder)
+    assert found[0][0] == "warn"
+    assert "jump from 6 to 7" in found[0][1]
+
+
+def test_missing_calibration(folder):
+    (folder / "calib.txt").unlink()
+    only(folder, "bad", "poses", "calib.txt", "--pose-frame lidar")
+
+
+def test_camera_poses_taken_for_those_of_the_lidar(folder):
+    only(folder, "bad", "alignment", "use --pose-frame camera", frame="lidar")
+    (folder / "calib.txt").unlink()
+    only(folder, "bad", "alignment", "use --pose-frame camera with its calib.txt", frame="lidar")
+
+
+def test_lidar_poses_taken_for_those_of_the_camera(folder):
+    change_poses(folder, lambda poses: camera_to_lidar(poses, read_calib(folder / "calib.txt")))
+    only(folder, "bad", "alignment", "use --pose-frame lidar")
+    assert levels(folder, frame="lidar") == []
+
+
+def test_inverted_poses(folder):
+    change_poses(folder, np.linalg.inv)
+    only(folder, "bad", "alignment", "T_lidar_world")
+
+
+def test_poses_that_stand_still_while_the_scans_move(folder):
+    change_poses(folder, lambda poses: np.tile(np.eye(4), (len(poses), 1, 1)))
+    only(folder, "bad", "alignment", "do not belong together")
+
+
+def test_a_parked_car_has_nothing_to_align(folder):
+    first = folder / "velodyne" / "000000.bin"
+    for path in (folder / "velodyne").iterdir():
+        path.write_bytes(first.read_bytes())
+    change_poses(folder, lambda poses: np.tile(np.eye(4), (len(poses), 1, 1)))
+    assert levels(folder) == []
+    assert "nothing moves" in levels(folder, "alignment")[0][1]
+
+
+@pytest.mark.parametrize(("shift", "words"), [(1, "1 line earlier"), (-2, "2 lines later")])
+def test_poses_out_of_step(folder, shift, words):
+    change_poses(folder, lambda poses: poses[np.clip(np.arange(len(poses)) + shift, 0, len(poses) - 1)])
+    assert any(level == "bad" and words in text for level, text in levels(folder, "alignment"))
+
+
+def test_times(folder):
+    times = 0.1 * np.arange(14)
+    (folder / "times.txt").write_text("\n".join(f"{time:e}" for time in times))
+    assert levels(folder) == []
+    assert levels(folder, "times") == [("ok", "0.10 s a scan, no gap")]
+    times[9:] += 0.3
+    (folder / "times.txt").write_text("\n".join(f"{time:e}" for time in times))
+    only(folder, "warn", "times", "8 to 9 (0.40 s)")
+    (folder / "times.txt").write_text("\n".join(f"{0.05 * i:e}" for i in range(14)))
+    only(folder, "warn", "times", "0.05 s a scan", "trained at 0.1 s")
+    (folder / "times.txt").write_text("0.1 0.2")
+    only(folder, "warn", "times", "2 times for 14 scans")
+    (folder / "times.txt").write_text("now")
+    only(folder, "warn", "times", "not made of numbers")
+
+
+def test_one_scan(folder):
+    for path in list((folder / "velodyne").iterdir())[1:]:
+        path.unlink()
+    change_poses(folder, lambda poses: poses[:1])
+    only(folder, "warn", "alignment", "two scans are needed")
+
+
+def test_open_ground(folder):
+    def flatten(scan):
+        scan[:, 2] = -1.8
+
+    change_scans(folder, flatten)
+    assert any("too few walls" in text for _, text in levels(folder, "alignment"))

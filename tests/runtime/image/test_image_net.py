@@ -1,0 +1,127 @@
+"""The image network on ONNX Runtime: what it returns, and what it refuses."""
+
+import dataclasses
+import shutil
+import warnings
+
+import numpy as np
+import onnxruntime as ort
+import pytest
+
+from runtime.bundle.manifest import load_bundle
+from runtime.errors import BundleError, InferenceError, MosWarning, ProviderError, SettingError
+from runtime.image.image_net import CPU, ImageNet
+from tests.support.paths import BUNDLE
+
+CUDA = "CUDAExecutionProvider"
+NO_CUDA = pytest.mark.skipif(CUDA in ort.get_available_providers(), reason="ONNX Runtime with CUDA is here")
+
+
+def image(seed=0):
+    return np.random.default_rng(seed).normal(size=(13, 64, 256)).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def net():
+    return ImageNet.of(load_bundle(BUNDLE), threads=2)
+
+
+def test_probabilities_and_features(net):
+    probabilities, features = net.run(image())
+    assert probabilities.shape == (3, 64, 256)
+    assert features.shape == (4, 64, 256)
+    assert probabilities.dtype == features.dtype == np.float32
+    np.testing.assert_allclose(probabilities.sum(0), 1, atol=1e-5)
+    assert net.providers == [CPU]
+    assert net.shape == (1, 13, 64, 256)
+
+
+def test_results_stay_and_inputs_are_not_written(net):
+    given = image()
+    given.setflags(write=False)
+    first = net.run(given)
+    copies = [array.copy() for array in first]
+    net.run(image(1))
+    for array, copy in zip(first, copies, strict=True):
+        np.testing.assert_array_equal(array, copy)
+
+
+def test_views_and_one_thread_give_the_same(net):
+    want = net.run(image())
+    strided = np.asfortranarray(image())
+    for other, given in ((net, strided), (ImageNet.of(load_bundle(BUNDLE), threads=1), image())):
+        for a, b in zip(want, other.run(given), strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-5)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_values_that_are_not_finite_are_never_a_result(net, value):
+    given = image()
+    given[0, 10, 10] = value
+    with pytest.raises(InferenceError, match="not finite"):
+        net.run(given)
+
+
+def test_overflow_of_the_features_is_noticed(net):
+    with pytest.raises(InferenceError, match="not finite"):
+        net.run(np.full((13, 64, 256), 3e38, np.float32))
+
+
+@pytest.mark.parametrize(
+    "given", [np.zeros((13, 64, 128), np.float32), np.zeros((5, 64, 256), np.float32), image().astype(float)]
+)
+def test_an_image_that_does_not_fit_is_an_error(net, given):
+    with pytest.raises(InferenceError, match=r"takes \(13, 64, 256\) float32"):
+        net.run(given)
+
+
+@NO_CUDA
+@pytest.mark.parametrize("provider", [CUDA, (CUDA, {"device_id": 0})])
+def test_a_provider_that_is_not_there_is_an_error_that_says_what_to_install(provider):
+    with pytest.raises(ProviderError, match=r"CUDAExecutionProvider is not .*\(it has .*onnxruntime-gpu"):
+        ImageNet(BUNDLE / "image_net.onnx", threads=1, providers=[provider, CPU])
+
+
+@NO_CUDA
+def test_the_fallback_must_be_allowed_and_warns(net):
+    with pytest.warns(MosWarning, match="onnxruntime-gpu"):
+        other = ImageNet(BUNDLE / "image_net.onnx", threads=1, providers=[CUDA], allow_fallback=True)
+    assert other.providers == [CPU]
+    np.testing.assert_allclose(other.run(image())[0], net.run(image())[0], atol=1e-6)
+
+
+def test_an_unknown_provider_is_an_error():
+    with pytest.raises(ProviderError, match="AbacusExecutionProvider"):
+        ImageNet(BUNDLE / "image_net.onnx", threads=1, providers=["AbacusExecutionProvider"])
+
+
+def test_the_cpu_is_no_fallback():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ImageNet(BUNDLE / "image_net.onnx", threads=1, providers=[(CPU, {})])
+
+
+def test_session_options_reach_onnx_runtime():
+    options = {"session.intra_op.allow_spinning": "1"}
+    ImageNet(BUNDLE / "image_net.onnx", threads=1, session_options=options).run(image())
+    with pytest.raises(SettingError, match="session option"):
+        ImageNet(BUNDLE / "image_net.onnx", threads=1, session_options={"": "x"})
+
+
+@pytest.mark.parametrize("content", [b"", b"no network", None])
+def test_a_broken_file_is_an_error(tmp_path, content):
+    path = tmp_path / "image_net.onnx"
+    path.write_bytes((BUNDLE / "image_net.onnx").read_bytes()[:5000] if content is None else content)
+    with pytest.raises(BundleError, match=r"image_net\.onnx"):
+        ImageNet(path, threads=1)
+
+
+def test_a_network_that_is_not_what_the_manifest_says_is_an_error(tmp_path):
+    bundle = load_bundle(shutil.copytree(BUNDLE, tmp_path / "bundle"))
+    sensor = dataclasses.replace(bundle.manifest.sensor, width=512)
+    for manifest, message in (
+        (dataclasses.replace(bundle.manifest, sensor=sensor), r"shape \(1, 13, 64, 256\), the manifest says"),
+        (dataclasses.replace(bundle.manifest, features=8), "gives 4 features, the manifest says 8"),
+    ):
+        with pytest.raises(BundleError, match=message):
+            ImageNet.of(dataclasses.replace(bundle, manifest=manifest), threads=1)

@@ -1,0 +1,71 @@
+"""What the tests of the training share: a tiny sensor, tiny networks, samples that cost nothing."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mos_model.data.dataset import Sample
+from mos_model.networks.config import ModelConfig, named_config
+from runtime.sensors.sensor import Sensor
+
+SENSOR = Sensor(height=16, width=64, fov_up=16, fov_down=-16)
+
+
+def tiny_model(name: str = "rt", channels: int = 4, sensor: Sensor = SENSOR) -> ModelConfig:
+    """A network that trains in no time."""
+    changes = {"rt_widths": (4, 8, 8)} if name == "rt" else {}
+    return named_config(name, channels, sensor=sensor, **changes)
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Images in which what has a residual moves; a group is a function of the seed and its number."""
+
+    seed: int = 0
+    group_size: int = 4
+    height: int = 16
+    width: int = 64
+    points: int = 0
+    broken_from: int = 1 << 60  # groups from here on hold NaN
+
+    def group(self, number: int) -> list[Sample]:
+        """See `Source`."""
+        rng = np.random.default_rng((self.seed, number))
+        return [self._sample(rng, number) for _ in range(self.group_size)]
+
+    def _sample(self, rng: np.random.Generator, number: int) -> Sample:
+        labels = np.ones((self.height, self.width), np.uint8)
+        labels[:2] = 0
+        for _ in range(3):
+            v, u = rng.integers(2, self.height - 4), rng.integers(self.width - 8)
+            labels[v : v + 4, u : u + 8] = 2
+        image = rng.normal(0, 0.3, (13, self.height, self.width)).astype(np.float32)
+        image[5:, labels == 2] += 1
+        if number >= self.broken_from:
+            image[:] = np.nan
+        pixel = rng.integers(0, labels.size, self.points).astype(np.int32)
+        xyz = rng.uniform(-3, 3, (self.points, 3)).astype(np.float32)
+        return Sample(image, labels, xyz, pixel, labels.reshape(-1)[pixel])
+
+
+def write_recording(folder: Path, frames: int = 12, points: int = 300, moving: int = 120, seed: int = 0) -> None:
+    """A sequence in the layout of SemanticKITTI: random points, the first `moving` of each scan move."""
+    rng = np.random.default_rng(seed)
+    for name in ("velodyne", "labels"):
+        (folder / name).mkdir(parents=True)
+    poses = []
+    for i in range(frames):
+        scan = rng.uniform(-15, 15, (points, 4)).astype(np.float32)
+        scan[:, 2] *= 0.2
+        scan[-1, :3] = 0  # as real files have it
+        labels = np.full(points, 40 | 7 << 16, np.uint32)
+        labels[:moving] = 252
+        labels[-5:] = 0
+        scan.tofile(folder / "velodyne" / f"{i:06d}.bin")
+        labels.tofile(folder / "labels" / f"{i:06d}.label")
+        pose = np.eye(4)
+        pose[0, 3] = i
+        poses.append(" ".join(f"{value:.9f}" for value in pose[:3].reshape(-1)))
+    (folder / "poses.txt").write_text("\n".join(poses) + "\n")
+    (folder / "calib.txt").write_text("Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n")
