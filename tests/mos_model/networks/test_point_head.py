@@ -9,8 +9,8 @@ from mos_model.networks.network import build_point_head
 from mos_model.networks.point_head import PointHead, RowNorm
 from runtime.bundle.head_shape import FULL, LITE, PointHeadConfig
 from runtime.errors import ScanError
-from tests.mos_model import published
 from tests.mos_model.networks.test_voxels import cloud
+from tests.support import published
 
 SMALL = PointHeadConfig(in_channels=4, down=(4, 6, 8), up=(8, 6, 5), fuse_after_up=1, dropout=0.3)
 

@@ -4,7 +4,7 @@ import torch
 
 from mos_model.networks.voxels import BATCH_LIMIT, KernelMap, VoxelGrid
 from runtime.errors import ScanError
-from tests.mos_model import published
+from tests.support import published
 from tests.support import reference_network as reference
 
 
