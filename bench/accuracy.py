@@ -16,12 +16,13 @@ from bench.report import ROOT, save, show
 from mos_model.simulator import simulate
 from runtime import MosRunner
 from runtime.bundle.manifest import load_bundle
+from runtime.bundle.residual import HISTORY, Residual
 from runtime.compute.workers import Workers
 from runtime.evaluation.confusion import Confusion
 from runtime.image.inputs import InputBuilder
 from runtime.recordings.labels import read_labels, to_classes
 from runtime.recordings.sequence import open_sequence
-from runtime.sensors.sensor import HISTORY, Residual, Sensor
+from runtime.sensors.range_image import RangeImage
 
 STREETS = 12_000_000  # seeds of the simulated test streets: neither training, validation nor calibration has them
 QUIET = 13_000_000  # seeds of streets without a mover
@@ -96,7 +97,7 @@ def with_runner(runner: MosRunner) -> Callable[[], Labeller]:
 
 def residual_threshold() -> Labeller:
     """Untrained: the median over the 8 past scans of (r_past - r_now) / r_now is above 0.1."""
-    builder, past = InputBuilder(Sensor(), Residual(kind="signed"), Workers(2)), []
+    builder, past = InputBuilder(RangeImage(), Residual(kind="signed"), Workers(2)), []
 
     def label(scan: Scan) -> np.ndarray:
         scans, relative = [p for p, _ in past[::-1]], [np.linalg.inv(scan.pose) @ q for _, q in past[::-1]]

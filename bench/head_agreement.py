@@ -8,8 +8,8 @@ import numpy as np
 from bench.report import show
 from bench.scans import load_frames
 from runtime import MosRunner
+from runtime.bundle.residual import HISTORY
 from runtime.runner import CANDIDATE
-from runtime.sensors.sensor import HISTORY
 
 SCANS = 20
 

@@ -10,11 +10,12 @@ import numpy as np
 
 from bench.report import ROOT
 from runtime.bundle.head_shape import FULL, LITE
+from runtime.bundle.residual import HISTORY, Residual
 from runtime.compute.workers import Workers
 from runtime.head.numba_engine import FeatureMap, PointHeadEngine, fold
 from runtime.image.inputs import InputBuilder
 from runtime.recordings.labels import read_labels, to_classes
-from runtime.sensors.sensor import HISTORY, Residual, Sensor
+from runtime.sensors.range_image import RangeImage
 
 HEADS = {"lite": LITE, "full": FULL}
 SEED = 2026  # of weights and features
@@ -37,7 +38,7 @@ class Scan:
     """Arguments of `refine` for a scan (N, 4), with random image features."""
 
     def __init__(self, points: np.ndarray) -> None:
-        sensor, random = Sensor(), np.random.default_rng(SEED)
+        sensor, random = RangeImage(), np.random.default_rng(SEED)
         image = InputBuilder(sensor, Residual(), Workers(1)).build(points, [None] * HISTORY, [None] * HISTORY)
         features = random.normal(size=(32, sensor.height, sensor.width)).astype(np.float32)
         self.xyz, self.valid = np.ascontiguousarray(points[:, :3]), image.pixel >= 0

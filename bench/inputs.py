@@ -9,12 +9,13 @@ import typer
 
 from bench.report import interleaved, save, show, summary
 from bench.scans import load_frames
+from runtime.bundle.residual import HISTORY, Residual
 from runtime.compute.workers import Workers
 from runtime.image.inputs import InputBuilder
-from runtime.sensors.sensor import HISTORY, Residual, Sensor
+from runtime.sensors.range_image import RangeImage
 
 
-def numpy_range_image(points: np.ndarray, sensor: Sensor, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+def numpy_range_image(points: np.ndarray, sensor: RangeImage, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
     """Range image and nearest points with whole-array operations: the farthest point is written first."""
     r = np.linalg.norm(points[:, :3], axis=1)
     index = np.flatnonzero((r > low) & (r < high))
@@ -30,7 +31,7 @@ def numpy_range_image(points: np.ndarray, sensor: Sensor, low: float, high: floa
     return image, first
 
 
-def numpy_input(points: np.ndarray, past: list, relative: list, sensor: Sensor, residual: Residual) -> np.ndarray:
+def numpy_input(points: np.ndarray, past: list, relative: list, sensor: RangeImage, residual: Residual) -> np.ndarray:
     """The whole input (13, H, W)."""
     nearest, first = numpy_range_image(points, sensor, 0.0, np.inf)
     channels = np.concatenate([nearest[None], np.moveaxis(points[first], 2, 0)])
@@ -59,7 +60,7 @@ def bench(
     past = [np.ascontiguousarray(scan[np.abs(scan[:, :3]).sum(1) > 0, :3]) for scan, _ in before]
     points = points[np.abs(points[:, :3]).sum(1) > 0]
     relative = [np.linalg.inv(pose) @ other for _, other in before]
-    sensor, residual = Sensor(), Residual()
+    sensor, residual = RangeImage(), Residual()
     builders = {n: InputBuilder(sensor, residual, Workers(n)) for n in sorted({1, threads})}
     image = builders[threads].build(points, past, relative).image
     differs = (np.abs(image - numpy_input(points, past, relative, sensor, residual)) > 1e-3).any(0).mean()

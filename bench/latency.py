@@ -19,9 +19,9 @@ from bench.plot import stacked_bars
 from bench.report import interleaved, save, show, summary
 from bench.scans import there_and_back
 from runtime import MosRunner
+from runtime.bundle.residual import HISTORY
 from runtime.recordings.labels import read_labels, to_classes, write_labels
 from runtime.recordings.sequence import open_sequence
-from runtime.sensors.sensor import HISTORY
 
 SHOWN = ("read", "input", "network", "postprocess", "history", "write", "scan")
 

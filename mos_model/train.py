@@ -50,11 +50,12 @@ def train_command(
     from mos_model.training.distributed import join_ranks
     from mos_model.training.recipe import recipe as named_recipe
     from mos_model.training.session import run_training
-    from mos_model.training.sources import Data, image_sensor
+    from mos_model.training.sources import Data
     from mos_model.training.trainer import Limits
+    from runtime.sensors.registry import find_sensor
 
     others = dict(parse_setting(text) for text in set_ or [])
-    model = named_config(config, channels).to_dict() | {"sensor": asdict(image_sensor(sensor))}
+    model = named_config(config, channels).to_dict() | {"sensor": asdict(find_sensor(sensor).range_image)}
     for name in [name for name in others if name.startswith("model.")]:
         set_nested(model, name.split(".")[1:], others.pop(name))
     given = {"steps": steps, "batch": batch, "crop": crop, "precision": precision, "seed": seed}

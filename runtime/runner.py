@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from runtime.bundle.manifest import POSTPROCESSES, Bundle, load_bundle
+from runtime.bundle.residual import HISTORY
 from runtime.compute.jit import is_cached
 from runtime.compute.workers import Workers
 from runtime.errors import MosWarning, SettingError
@@ -30,7 +31,6 @@ from runtime.image.projection import project_scan
 from runtime.image.vote import MOVING, knn_vote
 from runtime.recordings.poses import check_pose
 from runtime.recordings.scans import as_scan
-from runtime.sensors.sensor import HISTORY
 
 log = logging.getLogger("lidar_mos")
 

@@ -10,6 +10,7 @@ from torch import nn
 from mos_model.networks.network import ImageOutput
 from mos_model.simulator import simulate
 from runtime.bundle.manifest import POINT_HEAD, POINT_HEAD_ONNX, Bundle
+from runtime.bundle.residual import HISTORY, Residual
 from runtime.compute.workers import Workers
 from runtime.errors import ParityError
 from runtime.head.numba_engine import PointHeadEngine
@@ -17,7 +18,7 @@ from runtime.head.onnx_engine import OnnxHead
 from runtime.head.refinement import FeatureMap, PointHead
 from runtime.image.image_net import ImageNet
 from runtime.image.inputs import ImageInput, InputBuilder
-from runtime.sensors.sensor import HISTORY, Residual, Sensor
+from runtime.sensors.range_image import RangeImage
 
 LIMIT = 1e-4  # largest difference of a probability
 SEED = 2026  # of the simulated street
@@ -78,7 +79,7 @@ def check_parity(bundle: Bundle, image_net: nn.Module, point_head: nn.Module | N
     return parity
 
 
-def simulated_input(sensor: Sensor, residual: Residual, workers: Workers) -> tuple[np.ndarray, ImageInput]:
+def simulated_input(sensor: RangeImage, residual: Residual, workers: Workers) -> tuple[np.ndarray, ImageInput]:
     """The last scan (N, 4) of a simulated drive with a full history, and the network's input for it."""
     frames = list(simulate(SEED, HISTORY + 1, movers=1.6))
     current, past = frames[-1], frames[-2::-1]

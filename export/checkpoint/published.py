@@ -11,8 +11,8 @@ from mos_model.networks.checkpoint import FORMAT, load_state
 from mos_model.networks.config import ModelConfig, named_config
 from mos_model.networks.network import UNUSED_PREFIXES, build_image_network, build_point_head
 from runtime.bundle.head_shape import FULL, LITE, PointHeadConfig
+from runtime.bundle.residual import Residual
 from runtime.errors import CheckpointError, SettingError
-from runtime.sensors.sensor import Residual
 
 NETWORKS = ("lmnet", "b", "c", "d", "e", "v1", "v2", "v2-lite")
 

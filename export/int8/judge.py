@@ -15,6 +15,7 @@ from torch import nn
 
 from export.int8.network import Prepared, prepare
 from mos_model.data.dataset import SampleConfig, SimulatedStreets
+from runtime.bundle.residual import HISTORY, Residual
 from runtime.compute.workers import Workers
 from runtime.doctor.check_scans import Samples, check_points, check_sensor
 from runtime.errors import MosWarning, QuantisationError, ScanError, SequenceError
@@ -22,7 +23,7 @@ from runtime.evaluation.confusion import Confusion
 from runtime.image.decision import pixel_classes
 from runtime.image.inputs import InputBuilder
 from runtime.recordings.sequence import open_sequence
-from runtime.sensors.sensor import HISTORY, Residual, Sensor
+from runtime.sensors.range_image import RangeImage
 
 CALIBRATION_STREETS = 16_000_000  # seeds of the simulated streets for ranges; nothing else has them
 JUDGING_STREETS = 17_000_000  # and of those on which the loss is measured
@@ -63,7 +64,7 @@ class Quantised:
 def quantise(
     network: nn.Module,
     float_model: bytes,
-    sensor: Sensor,
+    sensor: RangeImage,
     residual: Residual,
     threshold: float | None,
     trained: bool,
@@ -222,13 +223,13 @@ def session(model: bytes, threads: int) -> Callable[[np.ndarray], np.ndarray]:
     return lambda image: loaded.run(["probabilities"], {"image": image})[0][0]
 
 
-def simulated(sensor: Sensor, residual: Residual, first: int, count: int) -> list[Scene]:
+def simulated(sensor: RangeImage, residual: Residual, first: int, count: int) -> list[Scene]:
     """Two scans of each of `count` simulated streets."""
     streets = SimulatedStreets(SampleConfig(sensor, residual), frames=2, every=4, first_street=first)
     return [Scene(sample.image[None], sample.labels) for number in range(count) for sample in streets.group(number)]
 
 
-def recorded(folder: Path, sensor: Sensor, residual: Residual, count: int = 16) -> list[np.ndarray]:
+def recorded(folder: Path, sensor: RangeImage, residual: Residual, count: int = 16) -> list[np.ndarray]:
     """Images (1, channels, H, W) of `count` scans with a full history, spread over the sequence in `folder`.
 
     Raises SequenceError or ScanError where it cannot be used; warns of what does not look like the sensor.

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from mos_model.data.augment import NONE, Augmentation, augment
 from mos_model.data.labels import MOVING, label_classes
+from runtime.bundle.residual import HISTORY, Residual
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
 from runtime.image.inputs import InputBuilder
-from runtime.sensors.sensor import HISTORY, Residual, Sensor
+from runtime.sensors.range_image import RangeImage
 
 VALIDATION_STREETS = 10_000_000  # seeds from here on are held out
 
@@ -62,7 +63,7 @@ class Source(Protocol):
 class SampleConfig:
     """How a frame becomes a sample."""
 
-    sensor: Sensor = field(default_factory=Sensor)
+    sensor: RangeImage = field(default_factory=RangeImage)
     residual: Residual = field(default_factory=Residual)
     augmentation: Augmentation = NONE
     crop: int = 0  # columns of the part of the image that is kept; 0: all

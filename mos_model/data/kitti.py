@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from mos_model.data.dataset import Frame, Sample, SampleConfig, make_frame, make_samples
 from mos_model.data.labels import MOVING, label_classes
+from runtime.bundle.residual import HISTORY
 from runtime.errors import MosError, SequenceError
 from runtime.recordings.labels import LABEL_BYTES, read_labels
 from runtime.recordings.poses import Poses
 from runtime.recordings.scans import count_points, read_scan
 from runtime.recordings.sequence import open_sequence
-from runtime.sensors.sensor import HISTORY
 
 TRAIN = ("00", "01", "02", "03", "04", "05", "06", "07", "09", "10")
 VALIDATION = ("08",)

@@ -5,8 +5,9 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 from runtime.bundle.head_shape import FULL, LITE, SMALL, PointHeadConfig
+from runtime.bundle.residual import Residual
 from runtime.errors import SettingError
-from runtime.sensors.sensor import Residual, Sensor
+from runtime.sensors.range_image import RangeImage
 
 T = TypeVar("T")
 
@@ -21,7 +22,7 @@ class ModelConfig:
     name: str = "v1"  # how tables and bundles call it
     network: str = "dual"  # "dual": two branches with attention; "lmnet": one branch; "rt": for real time
     channels: int = 32  # width c of the image features, even
-    sensor: Sensor = field(default_factory=Sensor)
+    sensor: RangeImage = field(default_factory=RangeImage)
     residual: Residual = field(default_factory=Residual)
     pooling: str = "soft"  # "soft": SoftPool; "average": 3x3 average, stride 2
     meta_kernel: bool = True  # geometry-aware convolution in the appearance encoder ("dual" only)
@@ -59,7 +60,7 @@ class ModelConfig:
         """Inverse of `to_dict`; a missing key takes its default. Raises SettingError on an unknown key."""
         _check_keys(cls, values, "model")
         parts = dict(values)
-        for key, kind in (("sensor", Sensor), ("residual", Residual), ("point_head", PointHeadConfig)):
+        for key, kind in (("sensor", RangeImage), ("residual", Residual), ("point_head", PointHeadConfig)):
             if parts.get(key) is not None:
                 parts[key] = _build(kind, parts[key], key)
         return _build(cls, parts, "model")

@@ -1,14 +1,13 @@
 """Simulated streets: LiDAR scans with poses and labels, from NumPy and Numba alone."""
 
-from mos_model.simulator.sensors import PROFILES, SensorProfile
 from mos_model.simulator.sequence import Frame, Simulation, simulate
 from mos_model.simulator.settings import SimulationSettings
 from mos_model.simulator.write import WrittenDataset, simulate_command, write_dataset
+from runtime.sensors.registry import SENSORS
+from runtime.sensors.sensor import Sensor
 
 __all__ = [
-    "PROFILES",
     "Frame",
-    "SensorProfile",
     "Simulation",
     "SimulationSettings",
     "WrittenDataset",

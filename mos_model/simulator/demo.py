@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from runtime.bundle.residual import HISTORY
 from runtime.compute.compiling import compiling
 from runtime.errors import MissingPackageError, OutputError
 from runtime.evaluation.confusion import MOVING, Confusion
@@ -18,7 +19,6 @@ from runtime.predict import Summary, predict
 from runtime.recordings.labels import read_labels, to_classes
 from runtime.recordings.sequence import Sequence, open_sequence
 from runtime.runner import MosRunner
-from runtime.sensors.sensor import HISTORY
 
 SEED = 17  # of the street
 STREET: dict[str, Any] = {"street": "urban", "ego": "cruise", "movers": 1.0}

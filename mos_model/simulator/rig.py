@@ -6,14 +6,14 @@ from random import Random
 
 import numpy as np
 
-from mos_model.simulator.sensors import SensorProfile
+from runtime.sensors.sensor import Sensor
 
 
 @dataclass(frozen=True)
 class Rig:
     """A mounted sensor. Per beam from the highest down; surfaces as in `ground`."""
 
-    profile: SensorProfile
+    profile: Sensor
     mount: np.ndarray  # (3,) height above the ground m, pitch and roll radians
     elevation: np.ndarray  # (beams,) radians
     offset: np.ndarray  # (beams,) radians, azimuth of the beam beside that of the firing
@@ -23,12 +23,12 @@ class Rig:
     noise: float  # m, of a range
     loss: float  # share of firings without return
     stray: float  # share of firings with a senseless return
-    sensitivity: float  # see SensorProfile
+    sensitivity: float  # see Sensor
     albedo: np.ndarray  # (surfaces,) of the ground
     rough: np.ndarray  # (surfaces,) m, height of what grows on it
 
 
-def draw_rig(rng: Random, profile: SensorProfile, vary: bool) -> Rig:
+def draw_rig(rng: Random, profile: Sensor, vary: bool) -> Rig:
     """The sensor as its profile says, or one that differs in mounting, alignment, noise and sensitivity."""
     noise = np.random.default_rng(rng.getrandbits(32))
     bias = profile.beam_bias * noise.standard_normal(profile.beams)
@@ -67,7 +67,7 @@ def draw_rig(rng: Random, profile: SensorProfile, vary: bool) -> Rig:
     )
 
 
-def _draw_hidden(rng: Random, profile: SensorProfile, elevation: np.ndarray) -> np.ndarray:
+def _draw_hidden(rng: Random, profile: Sensor, elevation: np.ndarray) -> np.ndarray:
     """(columns, beams) rays that roof, racks and cameras of the vehicle stop: wedges of the lowest."""
     azimuth = np.arange(profile.azimuth_steps) * (360.0 / profile.azimuth_steps)
     wedges = [

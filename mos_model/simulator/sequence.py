@@ -12,13 +12,14 @@ from mos_model.simulator.odometry import draw_reported, true_pose
 from mos_model.simulator.rig import draw_rig
 from mos_model.simulator.scanner import Scanner
 from mos_model.simulator.scene import Scene
-from mos_model.simulator.sensors import SensorProfile, sensor_profile
 from mos_model.simulator.settings import Conditions, SimulationSettings, draw_conditions
 from mos_model.simulator.streets import STYLES
 from mos_model.simulator.terrain import Terrain
 from mos_model.simulator.traffic import Traffic
 from mos_model.simulator.world import World
 from runtime.errors import SettingError
+from runtime.sensors.registry import find_sensor
+from runtime.sensors.sensor import Sensor
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Frame:
     time: float  # s
 
 
-def simulate(seed: int, frames: int, sensor: str | SensorProfile = "hdl64e", **settings: Any) -> "Simulation":
+def simulate(seed: int, frames: int, sensor: str | Sensor = "hdl64e", **settings: Any) -> "Simulation":
     """A simulated drive of `frames` scans: iterate over it, or index it. The same arguments give the same
     data.
 
@@ -42,13 +43,13 @@ def simulate(seed: int, frames: int, sensor: str | SensorProfile = "hdl64e", **s
         chosen = SimulationSettings(**settings)
     except TypeError as error:
         raise SettingError(f"unknown simulation setting: {error}") from error
-    return Simulation(seed, frames, sensor_profile(sensor), chosen)
+    return Simulation(seed, frames, find_sensor(sensor), chosen)
 
 
 class Simulation:
     """A drawn street, its traffic, the sensor and its way through it."""
 
-    def __init__(self, seed: int, frames: int, profile: SensorProfile, settings: SimulationSettings) -> None:
+    def __init__(self, seed: int, frames: int, profile: Sensor, settings: SimulationSettings) -> None:
         if not isinstance(frames, int) or frames < 1:
             raise SettingError(f"frames must be a whole number of at least 1, not {frames!r}")
         if not isinstance(seed, int) or seed < 0:

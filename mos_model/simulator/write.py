@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from mos_model.simulator.sensors import SensorProfile, sensor_profile
 from mos_model.simulator.sequence import Simulation, simulate
 from runtime.errors import OutputError, SettingError
+from runtime.sensors.registry import find_sensor
+from runtime.sensors.sensor import Sensor
 
 # T_camera_lidar of a camera that looks forward, a little below and before the LiDAR (KITTI's `Tr`).
 CAMERA_FROM_LIDAR = np.array(
@@ -36,7 +37,7 @@ def write_dataset(
     sequences: int = 1,
     frames: int = 100,
     seed: int = 0,
-    sensor: str | SensorProfile = "hdl64e",
+    sensor: str | Sensor = "hdl64e",
     progress: Callable[[int, int], None] | None = None,
     **settings: Any,
 ) -> WrittenDataset:
@@ -51,7 +52,7 @@ def write_dataset(
         raise SettingError(f"sequences must be a whole number within 1..1000, not {sequences!r}")
     if not isinstance(seed, int) or seed < 0:
         raise SettingError(f"seed must be a whole number of at least 0, not {seed!r}")
-    profile = sensor_profile(sensor)
+    profile = find_sensor(sensor)
     target = Path(out)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise OutputError(f"{target} exists already: name a new or an empty folder")

@@ -8,10 +8,8 @@ from mos_model.data.augment import NONE
 from mos_model.data.dataset import VALIDATION_STREETS, SampleConfig, SimulatedStreets
 from mos_model.data.kitti import RecordedFrames, open_recordings, training_frames, validation_frames
 from mos_model.networks.config import ModelConfig
-from mos_model.simulator.sensors import sensor_profile
 from mos_model.training.recipe import TrainConfig
 from mos_model.training.validation import Validation
-from runtime.sensors.sensor import Sensor
 
 
 @dataclass(frozen=True)
@@ -46,17 +44,6 @@ def sample_config(model: ModelConfig, config: TrainConfig) -> SampleConfig:
         config.crop_on_moving,
         points=config.stage == 2,
     )
-
-
-def image_sensor(profile: str) -> Sensor:
-    """The range image of a sensor of the simulator; normalised as the published HDL-64E networks."""
-    if profile == "hdl64e":
-        return Sensor()
-    beams = sensor_profile(profile)
-    top, bottom = beams.elevations[0], beams.elevations[-1]
-    margin = (top - bottom) / (beams.beams - 1) / 2  # every beam in the middle of its row
-    width = 2048 if beams.azimuth_steps >= 2048 else 1024
-    return Sensor(height=max(16, beams.beams), width=width, fov_up=top + margin, fov_down=bottom - margin)
 
 
 def simulated_data(

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.bundle.head_shape import PointHeadConfig
+from runtime.bundle.residual import Residual
 from runtime.errors import BundleError, MosError
-from runtime.sensors.sensor import Residual, Sensor
+from runtime.sensors.range_image import RangeImage
 
 FORMAT = 1
 MANIFEST = "manifest.json"
@@ -57,7 +58,7 @@ class Manifest:
     """What `manifest.json` holds."""
 
     name: str
-    sensor: Sensor
+    sensor: RangeImage
     residual: Residual
     features: int  # channels of the feature map
     point_head: PointHeadConfig | None
@@ -150,7 +151,7 @@ def parse_manifest(values: Any, where: str) -> Manifest:
         )
     parts = dict(values)
     for key, kind in (
-        ("sensor", Sensor),
+        ("sensor", RangeImage),
         ("residual", Residual),
         ("point_head", PointHeadConfig),
         ("decision", Decision),

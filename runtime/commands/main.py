@@ -12,7 +12,7 @@ from runtime import __version__
 from runtime.errors import BundleError, MissingPackageError, MosError, MosWarning, SettingError
 
 if TYPE_CHECKING:
-    from runtime.sensors.sensor import Sensor
+    from runtime.sensors.range_image import RangeImage
 
 app = typer.Typer(
     help="Moving-object segmentation of LiDAR scans on a plain CPU.",
@@ -340,7 +340,7 @@ def _need(extra: str, *packages: str) -> None:
 
 
 def _warn_of_misfits(
-    folder: Path, sensor: "Sensor", poses: Path | None, calib: Path | None, pose_frame: str | None
+    folder: Path, sensor: "RangeImage", poses: Path | None, calib: Path | None, pose_frame: str | None
 ) -> None:
     """Say on stderr what makes the labels of a sequence worthless, such as poses in another frame."""
     from runtime.doctor.diagnose import diagnose
@@ -350,7 +350,7 @@ def _warn_of_misfits(
             typer.echo(f"mos: {folder}: {finding.topic}: {finding.text}. The labels will be wrong", err=True)
 
 
-def _sensor(bundle: Path | None) -> "Sensor | None":
+def _sensor(bundle: Path | None) -> "RangeImage | None":
     """The sensor that the bundle was made for; None where no bundle is given and none is installed."""
     from runtime.bundle.manifest import load_bundle
 

@@ -11,7 +11,7 @@ from runtime.doctor.findings import Finding, percent, some
 from runtime.errors import ScanError
 from runtime.recordings.scans import Scan, count_points
 from runtime.recordings.sequence import scan_number
-from runtime.sensors.sensor import Sensor
+from runtime.sensors.range_image import RangeImage
 
 SECTORS = 719  # of half a degree, in each of which a beam leaves points of nearly one elevation; odd, so that their
 # edges do not fall on the columns of a sensor
@@ -117,7 +117,7 @@ def _check_remission(remissions: npt.NDArray[np.float64]) -> Finding:
     return Finding("ok", "remission", text)
 
 
-def check_sensor(samples: Samples, sensor: Sensor) -> list[Finding]:
+def check_sensor(samples: Samples, sensor: RangeImage) -> list[Finding]:
     """Field of view and number of beams against those of the bundle."""
     if len(samples.elevations) == 0:
         return []

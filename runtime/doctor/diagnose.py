@@ -12,14 +12,14 @@ from runtime.errors import MosError, MosWarning, ScanError
 from runtime.recordings.poses import read_poses
 from runtime.recordings.scans import Scan, read_scan
 from runtime.recordings.sequence import find_pose_files, list_scans, match_poses
-from runtime.sensors.sensor import Sensor
+from runtime.sensors.range_image import RangeImage
 
 SAMPLES = 12  # scans whose points are looked at, spread over the sequence
 
 
 def diagnose(
     folder: str | Path,
-    sensor: Sensor | None = None,
+    sensor: RangeImage | None = None,
     poses: str | Path | None = None,
     calib: str | Path | None = None,
     frame: str | None = None,

@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.bundle.residual import HISTORY
 from runtime.compute.jit import kernel
-from runtime.sensors.sensor import HISTORY
+from runtime.recordings.poses import relative_pose
 
 JUMP = 10.0  # m between two scans: 360 km/h at 10 Hz, no drive
 TURN = 60.0  # degrees between two scans
@@ -36,19 +37,8 @@ class History:
         return [self._buffers[slot][: self._counts[slot]] for slot in slots]
 
     def relative(self, pose: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        """T_current_past (4, 4) f64 of each of them, for T_world_current = `pose`.
-
-        Only the difference of two positions is taken, in float64, so map coordinates of 5e6 m cost no precision.
-        """
-        rotation = pose[:3, :3].T
-        transforms = []
-        for i in range(self._length):
-            past = self._poses[(self._newest - i) % HISTORY]
-            transform = np.eye(4)
-            transform[:3, :3] = rotation @ past[:3, :3]
-            transform[:3, 3] = rotation @ (past[:3, 3] - pose[:3, 3])
-            transforms.append(transform)
-        return transforms
+        """T_current_past (4, 4) f64 of each of them, for T_world_current = `pose`."""
+        return [relative_pose(pose, self._poses[(self._newest - i) % HISTORY]) for i in range(self._length)]
 
     def jump(self, pose: NDArray[np.float64], time: float | None) -> str:
         """In what the next scan does not follow the newest one ("" if it does)."""

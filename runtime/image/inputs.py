@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.bundle.residual import Residual
 from runtime.compute.jit import fast_kernel
 from runtime.compute.workers import Workers
 from runtime.image.projection import nearest_range, pixel_scale, project_scan
-from runtime.sensors.sensor import Residual, Sensor
+from runtime.sensors.range_image import RangeImage
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def _residual(current, image, signed):  # type: ignore[no-untyped-def]
 class InputBuilder:
     """Builds network inputs with buffers that are reused from call to call. Not for concurrent calls."""
 
-    def __init__(self, sensor: Sensor, residual: Residual, workers: Workers) -> None:
+    def __init__(self, sensor: RangeImage, residual: Residual, workers: Workers) -> None:
         self.sensor, self.residual, self.workers = sensor, residual, workers
         cells = sensor.height * sensor.width
         self._image = np.zeros((5 + len(residual.lags), cells), np.float32)

@@ -5,12 +5,12 @@ import math
 import numpy as np
 
 from runtime.compute.jit import fast_kernel, inlined
-from runtime.sensors.sensor import Sensor
+from runtime.sensors.range_image import RangeImage
 
 BLOCK = 512  # points whose pixels are computed at a time, in loops that vectorise
 
 
-def pixel_scale(sensor: Sensor) -> tuple[int, int, float, float]:
+def pixel_scale(sensor: RangeImage) -> tuple[int, int, float, float]:
     """(height, width, |fov_down| in rad, total field of view in rad): what the kernels need of a sensor."""
     up, down = math.radians(sensor.fov_up), math.radians(sensor.fov_down)
     return sensor.height, sensor.width, -down, up - down

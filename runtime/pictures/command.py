@@ -6,11 +6,11 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from runtime.bundle.residual import HISTORY
 from runtime.errors import SettingError
 from runtime.pictures.output import check_output, write_picture
 from runtime.pictures.snapshot import Live, Snapshot, Stored, System, snapshots
 from runtime.recordings.sequence import Sequence
-from runtime.sensors.sensor import HISTORY
 
 COUNT = 30  # scans of a GIF or recording unless told otherwise
 

@@ -97,6 +97,18 @@ def check_pose(pose: npt.ArrayLike, where: str = "pose") -> Pose:
     return matrix
 
 
+def relative_pose(target: Pose, source: Pose) -> Pose:
+    """T_target_source (4, 4) of the poses T_world_target and T_world_source.
+
+    Only the difference of the two positions is taken, in float64, so map coordinates of 5e6 m cost no precision.
+    """
+    back = target[:3, :3].T
+    transform = np.eye(4)
+    transform[:3, :3] = back @ source[:3, :3]
+    transform[:3, 3] = back @ (source[:3, 3] - target[:3, 3])
+    return transform
+
+
 def _from_tum(values: npt.NDArray[np.float64]) -> Poses:
     """(T, 8) time, position, quaternion x y z w to (T, 4, 4)."""
     poses = np.tile(np.eye(4), (len(values), 1, 1))

@@ -1,51 +1,65 @@
-"""What a network was made for: the range image of one sensor and the residual images over past scans."""
+"""A spinning LiDAR: its beams, its timing, its noise, and the range image that its turns fill."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from runtime.errors import SettingError
+from runtime.sensors.range_image import RangeImage
 
-HISTORY = 8  # past scans that a network may look at
+UNKNOWN_REACH = 300.0  # m, of a sensor of which nothing is known: farther returns make no sense on a road
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """Spherical range image (paper, eq. 1) and the normalisation of its five channels. Default: HDL-64E."""
+    """One sensor model. Angles in degrees, lengths in m. Row 0 is the highest beam; azimuth 0 is forward and grows to
+    the left."""
 
-    height: int = 64  # rows, a multiple of 16
-    width: int = 2048  # columns over 360 degrees, a multiple of 16
-    fov_up: float = 3.0  # degrees, upper edge of the first row
-    fov_down: float = -25.0  # degrees, lower edge of the last row
-    mean: tuple[float, ...] = (12.12, 10.88, 0.23, -1.04, 0.21)  # range, x, y, z in m, remission
-    std: tuple[float, ...] = (12.32, 11.47, 6.91, 0.86, 0.16)
-
-    def __post_init__(self) -> None:
-        for name in ("height", "width"):
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < 16 or value % 16:
-                raise SettingError(f"sensor {name} must be a positive multiple of 16, not {value!r}")
-        if not -90 <= self.fov_down < self.fov_up <= 90:
-            raise SettingError(
-                f"sensor field of view must rise from fov_down to fov_up within -90..90 degrees, "
-                f"not {self.fov_down!r} to {self.fov_up!r}"
-            )
-        if len(self.mean) != 5 or len(self.std) != 5 or min(self.std) <= 0:
-            raise SettingError("sensor mean and std must have five values each, std above 0")
-
-
-@dataclass(frozen=True)
-class Residual:
-    """Residual images (paper, eq. 2): the current scan against scans `lags` steps back."""
-
-    lags: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 7, 8)  # scans back, one channel each
-    min_range: float = 2.0  # m, points nearer than this leave no residual
-    max_range: float = 50.0  # m, points farther than this leave no residual
-    kind: str = "absolute"  # "absolute": |r_cur - r_prev| / r_cur as published; "signed": (r_prev - r_cur) / r_cur
+    name: str
+    elevations: tuple[float, ...]  # degrees, from the highest beam down
+    azimuth_steps: int  # firings in one turn
+    encoder_steps: int = 0  # positions that the encoder tells apart in one turn (0: every firing its own)
+    rate: float = 10.0  # Hz, turns per second
+    spin_tolerance: float = 0.0  # share by which the motor may turn slower or faster, firings coming at their own pace
+    min_range: float = 0.9  # m
+    max_range: float = 80.0  # m, the simulated sensor reports nothing beyond
+    reach: float = UNKNOWN_REACH  # m, a real one can return nothing from beyond: such points take no part
+    mount_height: float = 1.73  # m above the road
+    range_noise: float = 0.010  # m, standard deviation of one return
+    beam_bias: float = 0.006  # m, standard deviation of the constant range error of a beam
+    sensitivity: float = 3.0e-6  # albedo * cos(incidence) / range^2 that is detected half of the time
+    dropout: float = 0.004  # share of firings that fail for no visible reason
+    lifts: tuple[float, ...] = (0.0,)  # m, height of the optics above the sensor's origin, by block of beams
+    remission_step: float = 0.01  # quantisation of remission
+    self_hidden: bool = False  # the roof of the car hides parts of the lowest beams
+    image: RangeImage | None = None  # None: every beam in the middle of a row of its own
 
     def __post_init__(self) -> None:
-        lags = self.lags
-        if not lags or list(lags) != sorted(set(lags)) or lags[0] < 1 or lags[-1] > HISTORY:
-            raise SettingError(f"residual lags must rise within 1..{HISTORY}, not {lags!r}")
-        if not 0 <= self.min_range < self.max_range:
-            raise SettingError("residual limits must satisfy 0 <= min_range < max_range")
-        if self.kind not in ("absolute", "signed"):
-            raise SettingError(f"residual kind must be 'absolute' or 'signed', not {self.kind!r}")
+        if len(self.elevations) < 2 or list(self.elevations) != sorted(set(self.elevations), reverse=True):
+            raise SettingError(f"sensor {self.name!r}: elevations must fall from the highest beam to the lowest")
+        if not (self.azimuth_steps > 0 and self.rate > 0 and 0 <= self.min_range < self.max_range <= self.reach):
+            raise SettingError(f"sensor {self.name!r}: azimuth steps, rate and range limits must be positive and rise")
+        if self.beams % len(self.lifts):
+            raise SettingError(f"sensor {self.name!r}: its {self.beams} beams are no {len(self.lifts)} equal blocks")
+
+    @property
+    def beams(self) -> int:
+        """Number of rows."""
+        return len(self.elevations)
+
+    @property
+    def range_image(self) -> RangeImage:
+        """The range image of the sensor; normalised as the published HDL-64E networks."""
+        if self.image is not None:
+            return self.image
+        top, bottom = self.elevations[0], self.elevations[-1]
+        margin = (top - bottom) / (self.beams - 1) / 2
+        width = 2048 if self.azimuth_steps >= 2048 else 1024
+        return RangeImage(height=max(16, self.beams), width=width, fov_up=top + margin, fov_down=bottom - margin)
+
+    def spinning(self, speed: float) -> "Sensor":
+        """The same sensor with a motor of `speed` times the nominal rate: fewer firings fit into a faster turn."""
+        return replace(self, rate=self.rate * speed, azimuth_steps=round(self.azimuth_steps / speed))
+
+
+def even(top: float, bottom: float, count: int) -> tuple[float, ...]:
+    """Elevations in degrees of `count` beams at equal angles."""
+    return tuple(top + (bottom - top) * i / (count - 1) for i in range(count))

@@ -16,10 +16,11 @@ from export import to_onnx
 from export.bundle import parity, write
 from export.to_onnx import export_checkpoint, main
 from mos_model.networks.checkpoint import save
-from mos_model.simulator import PROFILES, simulate
+from mos_model.simulator import simulate
 from runtime.bundle.manifest import load_bundle
 from runtime.errors import BundleError, CheckpointError, OutputError, ParityError, SettingError
 from runtime.runner import MosRunner
+from runtime.sensors.registry import SENSORS
 from tests.support.make_tiny import random_network, tiny_config
 from tests.support.paths import ROOT
 
@@ -29,7 +30,7 @@ TINY = ROOT / "tests" / "data" / "tiny"
 @pytest.fixture(scope="module", autouse=True)
 def thin_scans():
     """A tenth of the sensor's columns: the comparison is quick. The script's test takes full scans."""
-    sensor = dataclasses.replace(PROFILES["hdl64e"], azimuth_steps=200)
+    sensor = dataclasses.replace(SENSORS["hdl64e"], azimuth_steps=200)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(parity, "simulate", functools.partial(simulate, sensor=sensor))
         yield

@@ -9,7 +9,7 @@ from mos_model.networks.config import named_config
 from mos_model.networks.network import build_image_network, build_point_head
 from mos_model.publish import BINS, QUIET, Histogram, calibrate, data_of, publish
 from runtime.bundle.head_shape import PointHeadConfig
-from runtime.sensors.sensor import Sensor
+from runtime.sensors.range_image import RangeImage
 
 HEAD = PointHeadConfig(4, (4,), (4,), None, 0.0, 0.4, "mean")
 
@@ -57,7 +57,7 @@ def test_what_weights_were_trained_on_is_what_the_run_says(data, words):
 
 def test_published_checkpoint(tmp_path):
     torch.manual_seed(0)
-    config = named_config("rt-head", 4, rt_widths=(4, 4, 4, 4), point_head=HEAD, sensor=Sensor(height=16, width=64))
+    config = named_config("rt-head", 4, rt_widths=(4, 4, 4, 4), point_head=HEAD, sensor=RangeImage(height=16, width=64))
     network, head = build_image_network(config), build_point_head(config)
     checkpoint.save(tmp_path / "last.pt", config, network, head, {"step": 7})
     publish(tmp_path / "last.pt", tmp_path / "ship" / "checkpoint.pt", streets=1, name="small", licence="MIT")

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from mos_model import train
 from mos_model.networks import checkpoint
 from mos_model.networks.config import ModelConfig
-from mos_model.training.sources import image_sensor
 from runtime.errors import CheckpointError, SequenceError, SettingError
+from runtime.sensors.registry import find_sensor
 from tests.support.training import write_recording
 
 TINY = ["--channels", "4", "--set", "model.sensor.height=16", "--set", "model.sensor.width=64"]
@@ -97,7 +97,7 @@ def test_simulated_streets(tmp_path):
         2,
     )
     saved = checkpoint.load(tmp_path / "last.pt")
-    assert saved.config.sensor == image_sensor("vlp16")
+    assert saved.config.sensor == find_sensor("vlp16").range_image
     assert saved.training["step"] == 2
     kinds = [json.loads(line)["kind"] for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
     assert kinds == ["train", "validation"]
@@ -154,9 +154,8 @@ def test_settings():
 
 @pytest.mark.parametrize("profile", ["hdl32e", "vlp16", "os1-32", "os1-64", "os1-128"])
 def test_every_beam_has_a_row_of_its_own(profile):
-    from mos_model.simulator.sensors import sensor_profile
-
-    sensor, beams = image_sensor(profile), sensor_profile(profile)
+    beams = find_sensor(profile)
+    sensor = beams.range_image
     rows = {
         int((1 - (e - sensor.fov_down) / (sensor.fov_up - sensor.fov_down)) * sensor.height) for e in beams.elevations
     }

@@ -18,11 +18,12 @@ from export.to_onnx import export_checkpoint
 from mos_model.networks.checkpoint import load, save
 from mos_model.networks.config import ModelConfig, named_config
 from mos_model.networks.network import build_image_network, build_point_head
-from mos_model.simulator.sensors import PROFILES
 from mos_model.simulator.write import write_dataset
 from runtime.bundle.head_shape import PointHeadConfig
+from runtime.bundle.residual import HISTORY
 from runtime.recordings.sequence import open_sequence
-from runtime.sensors.sensor import HISTORY, Sensor
+from runtime.sensors.range_image import RangeImage
+from runtime.sensors.registry import SENSORS
 from tests.support.paths import TINY
 from tests.support.reference_inputs import input_image, project_point
 
@@ -32,7 +33,7 @@ SEED = 0
 def tiny_config() -> ModelConfig:
     """The smallest network that has every part."""
     head = PointHeadConfig(in_channels=4, down=(8, 16), up=(16, 8), fuse_after_up=None, dropout=0.0)
-    return named_config("v2-lite", 4, name="tiny", sensor=Sensor(width=256), point_head=head)
+    return named_config("v2-lite", 4, name="tiny", sensor=RangeImage(width=256), point_head=head)
 
 
 def random_network(config: ModelConfig) -> tuple[nn.Module, nn.Module | None]:
@@ -53,7 +54,7 @@ def write_scans(folder: Path) -> None:
     """`folder`/sequences/00: a drive past a mover, with a seventh of the sensor's columns."""
     shutil.rmtree(folder, ignore_errors=True)
     write_dataset(
-        folder, 1, HISTORY + 1, seed=5, sensor=replace(PROFILES["hdl64e"], azimuth_steps=150), origin_point=True
+        folder, 1, HISTORY + 1, seed=5, sensor=replace(SENSORS["hdl64e"], azimuth_steps=150), origin_point=True
     )
 
 

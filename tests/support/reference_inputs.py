@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 
-from runtime.sensors.sensor import Residual, Sensor
+from runtime.bundle.residual import Residual
+from runtime.sensors.range_image import RangeImage
 
 
-def project_point(x: float, y: float, z: float, sensor: Sensor) -> tuple[int, int, float]:
+def project_point(x: float, y: float, z: float, sensor: RangeImage) -> tuple[int, int, float]:
     """Column, row and range of a point; (-1, -1, 0) where it has none."""
     r = math.sqrt(x * x + y * y + z * z) if all(map(math.isfinite, (x, y, z))) else 0.0
     if r == 0:
@@ -18,7 +19,7 @@ def project_point(x: float, y: float, z: float, sensor: Sensor) -> tuple[int, in
     return min(max(u, 0), sensor.width - 1), min(max(v, 0), sensor.height - 1), r
 
 
-def range_image(points: np.ndarray, sensor: Sensor, low: float = 0.0, high: float = math.inf) -> np.ndarray:
+def range_image(points: np.ndarray, sensor: RangeImage, low: float = 0.0, high: float = math.inf) -> np.ndarray:
     """(H, W) range of the nearest point with low < r < high; 0 where there is none."""
     image = np.zeros((sensor.height, sensor.width))
     for x, y, z in points[:, :3].astype(np.float64):
@@ -28,7 +29,7 @@ def range_image(points: np.ndarray, sensor: Sensor, low: float = 0.0, high: floa
     return image
 
 
-def input_image(points, past, relative, sensor: Sensor, residual: Residual) -> np.ndarray:
+def input_image(points, past, relative, sensor: RangeImage, residual: Residual) -> np.ndarray:
     """(5 + lags, H, W): see `runtime.image.inputs.InputBuilder.build`."""
     image = np.zeros((5 + len(residual.lags), sensor.height, sensor.width))
     nearest = np.full(image.shape[1:], math.inf)

@@ -7,12 +7,12 @@ import numpy as np
 
 from mos_model.data.dataset import Sample
 from mos_model.networks.config import ModelConfig, named_config
-from runtime.sensors.sensor import Sensor
+from runtime.sensors.range_image import RangeImage
 
-SENSOR = Sensor(height=16, width=64, fov_up=16, fov_down=-16)
+SENSOR = RangeImage(height=16, width=64, fov_up=16, fov_down=-16)
 
 
-def tiny_model(name: str = "rt", channels: int = 4, sensor: Sensor = SENSOR) -> ModelConfig:
+def tiny_model(name: str = "rt", channels: int = 4, sensor: RangeImage = SENSOR) -> ModelConfig:
     """A network that trains in no time."""
     changes = {"rt_widths": (4, 8, 8)} if name == "rt" else {}
     return named_config(name, channels, sensor=sensor, **changes)

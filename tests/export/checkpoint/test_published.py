@@ -12,8 +12,8 @@ from mos_model.networks import checkpoint
 from mos_model.networks.config import named_config
 from mos_model.networks.network import UNUSED_PREFIXES, build_image_network, build_point_head
 from runtime.bundle.head_shape import FULL, LITE, PointHeadConfig
+from runtime.bundle.residual import Residual
 from runtime.errors import CheckpointError, SettingError
-from runtime.sensors.sensor import Residual
 from tests.support.published import layout
 
 SMALL = {

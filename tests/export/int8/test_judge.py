@@ -15,18 +15,20 @@ from export.int8.judge import LARGEST_SHIFT, Balance, Judge, Loss, Scene, Settin
 from export.int8.network import prepare
 from export.to_onnx import Outputs, export_checkpoint, main
 from mos_model.networks.checkpoint import save
-from mos_model.simulator import PROFILES, simulate
+from mos_model.simulator import simulate
 from mos_model.simulator.write import write_dataset
 from runtime.bundle.manifest import load_bundle
+from runtime.bundle.residual import Residual
 from runtime.errors import MosWarning, QuantisationError, ScanError, SequenceError, SettingError
 from runtime.image.image_net import ImageNet
 from runtime.runner import MosRunner
-from runtime.sensors.sensor import Residual, Sensor
+from runtime.sensors.range_image import RangeImage
+from runtime.sensors.registry import SENSORS
 from tests.support.make_tiny import random_network, tiny_config
 from tests.support.paths import ROOT
 
 TINY = ROOT / "tests" / "data" / "tiny"
-THIN = dataclasses.replace(PROFILES["hdl64e"], azimuth_steps=150)
+THIN = dataclasses.replace(SENSORS["hdl64e"], azimuth_steps=150)
 QUICK = Settings(streets=1, judging=1, threads=1)
 
 
@@ -63,7 +65,7 @@ def first(checkpoint, tmp_path_factory):
 def street(tmp_path_factory):
     """Ten scans of a street."""
     folder = tmp_path_factory.mktemp("street")
-    write_dataset(folder, 1, 10, seed=3, sensor=dataclasses.replace(PROFILES["hdl64e"], azimuth_steps=600))
+    write_dataset(folder, 1, 10, seed=3, sensor=dataclasses.replace(SENSORS["hdl64e"], azimuth_steps=600))
     return folder / "sequences" / "00"
 
 
@@ -168,7 +170,7 @@ def test_the_balance_finds_what_a_logit_was_moved_by(moved, lacking):
 
 
 def test_own_scans_calibrate(street):
-    images = recorded(street, Sensor(width=256), Residual(), count=2)
+    images = recorded(street, RangeImage(width=256), Residual(), count=2)
     assert [image.shape for image in images] == [(1, 13, 64, 256)] * 2
     assert all(image[:, :5].any() and image[:, 5:].any() for image in images)
     assert not np.array_equal(*images)
@@ -202,23 +204,23 @@ def tilted(points):
 )
 def test_calibration_data_that_do_not_fit_are_refused(street, tmp_path, change, message):
     with pytest.raises(ScanError, match=message):
-        recorded(spoilt(street, tmp_path / "bad", change), Sensor(), Residual())
+        recorded(spoilt(street, tmp_path / "bad", change), RangeImage(), Residual())
 
 
 def test_other_rows_are_warned_of(street, tmp_path):
     with pytest.warns(MosWarning, match="rows"):
-        recorded(street, Sensor(height=128, width=256), Residual(), count=1)
+        recorded(street, RangeImage(height=128, width=256), Residual(), count=1)
 
 
 def test_no_or_too_few_scans_are_an_error(street, tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(SequenceError, match="no"):
-        recorded(tmp_path / "empty", Sensor(), Residual())
+        recorded(tmp_path / "empty", RangeImage(), Residual())
     short = spoilt(street, tmp_path / "short", lambda points: points)
     for scan in sorted((short / "velodyne").iterdir())[8:]:
         scan.unlink()
     with pytest.raises(SequenceError, match="at least 9"):
-        recorded(short, Sensor(), Residual())
+        recorded(short, RangeImage(), Residual())
 
 
 def test_a_runner_takes_int8_and_says_so(first, caplog):

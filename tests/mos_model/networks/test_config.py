@@ -6,8 +6,9 @@ import pytest
 
 from mos_model.networks.config import NAMES, ModelConfig, differing_fields, named_config
 from runtime.bundle.head_shape import FULL, LITE
+from runtime.bundle.residual import Residual
 from runtime.errors import SettingError
-from runtime.sensors.sensor import Residual, Sensor
+from runtime.sensors.range_image import RangeImage
 
 
 @pytest.mark.parametrize("channels", [32, 16])
@@ -23,7 +24,7 @@ def test_round_trip_of_everything_changed() -> None:
         "rt",
         channels=24,
         name="small",
-        sensor=Sensor(32, 1024, 10.0, -30.0),
+        sensor=RangeImage(32, 1024, 10.0, -30.0),
         residual=Residual((1, 4), kind="signed"),
         point_head=LITE,
         rt_widths=(16, 32, 64),
@@ -107,7 +108,7 @@ def test_missing_keys_take_defaults() -> None:
 
 def test_differences_name_the_fields() -> None:
     a = named_config("v1")
-    b = named_config("v1", channels=16, sensor=Sensor(width=1024), point_head=LITE)
+    b = named_config("v1", channels=16, sensor=RangeImage(width=1024), point_head=LITE)
     assert differing_fields(a, a) == []
     lines = differing_fields(a, b)
     assert lines[:2] == ["channels: 32 against 16", "sensor.width: 2048 against 1024"]

@@ -6,7 +6,7 @@ from torch import nn
 
 from mos_model.networks.config import NAMES, ModelConfig, named_config
 from mos_model.networks.network import UNUSED_PREFIXES, build_image_network, build_point_head
-from runtime.sensors.sensor import Residual
+from runtime.bundle.residual import Residual
 from tests.support import published
 
 PAPER_ROWS = [name for name in NAMES if name != "rt"]

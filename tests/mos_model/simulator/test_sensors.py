@@ -3,19 +3,19 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mos_model.simulator import PROFILES, simulate
-from mos_model.simulator.sensors import sensor_profile
+from mos_model.simulator import simulate
 from runtime.errors import SettingError
+from runtime.sensors.registry import SENSORS, find_sensor
 
 BEAMS = {"hdl64e": 64, "hdl32e": 32, "vlp16": 16, "os1-32": 32, "os1-64": 64, "os1-128": 128}
 
 
 def test_every_sensor_has_its_beams():
-    assert {name: profile.beams for name, profile in PROFILES.items()} == BEAMS
+    assert {name: profile.beams for name, profile in SENSORS.items()} == BEAMS
 
 
 def test_hdl64e_has_a_fine_and_a_coarse_block():
-    elevation = np.array(PROFILES["hdl64e"].elevations)
+    elevation = np.array(SENSORS["hdl64e"].elevations)
     assert elevation[0] == pytest.approx(2.0)
     assert elevation[-1] == pytest.approx(-24.33)
     assert np.diff(elevation[:32]).mean() == pytest.approx(-1 / 3, abs=1e-9)
@@ -31,9 +31,9 @@ def test_a_faster_motor_leaves_fewer_firings_to_a_turn():
     np.testing.assert_allclose(rates * steps, 20830, rtol=1e-3)
 
 
-@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize("name", SENSORS)
 def test_a_scan_of_every_sensor(name):
-    profile = PROFILES[name]
+    profile = SENSORS[name]
     frame = simulate(4, 2, name, movers=0, sensor_variation=False, street="urban", scan_motion="off")[1]
     most = profile.beams * profile.azimuth_steps
     assert 0.3 * most < len(frame.points) < most
@@ -47,7 +47,7 @@ def test_a_scan_of_every_sensor(name):
 
 def test_unknown_sensor_is_named():
     with pytest.raises(SettingError, match=r"hdl65.*hdl64e"):
-        sensor_profile("hdl65")
+        find_sensor("hdl65")
 
 
 @pytest.mark.parametrize(
@@ -62,4 +62,4 @@ def test_unknown_sensor_is_named():
 )
 def test_profiles_that_cannot_be(change):
     with pytest.raises(SettingError):
-        dataclasses.replace(PROFILES["hdl64e"], **change)
+        dataclasses.replace(SENSORS["hdl64e"], **change)

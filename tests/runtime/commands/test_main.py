@@ -147,12 +147,13 @@ def test_warnings_are_lines_too(tmp_path, capsys):
 def test_info_tells_nested_and_absent_values(capsys):
     from runtime.bundle.head_shape import LITE
     from runtime.bundle.manifest import Bundle, FileEntry, Manifest
+    from runtime.bundle.residual import Residual
     from runtime.commands.tables import show_bundle
-    from runtime.sensors.sensor import Residual, Sensor
+    from runtime.sensors.range_image import RangeImage
 
     manifest = Manifest(
         name="x",
-        sensor=Sensor(),
+        sensor=RangeImage(),
         residual=Residual(),
         features=32,
         point_head=LITE,

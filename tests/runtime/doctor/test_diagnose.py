@@ -6,11 +6,11 @@ import pytest
 from runtime.doctor.diagnose import diagnose
 from runtime.recordings.poses import camera_to_lidar, read_calib, read_poses
 from runtime.recordings.scans import read_scan
-from runtime.sensors.sensor import Sensor
+from runtime.sensors.range_image import RangeImage
 from tests.support import street
 from tests.support.paths import KITTI
 
-SENSOR = Sensor(height=32, width=512, fov_up=3.0, fov_down=-25.0)
+SENSOR = RangeImage(height=32, width=512, fov_up=3.0, fov_down=-25.0)
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_a_healthy_sequence(folder):
 @pytest.mark.parametrize("name", ["00", "90"])
 @pytest.mark.skipif(not KITTI.is_dir(), reason="needs the KITTI scans in ../shared")
 def test_real_scans_are_healthy(name):
-    assert levels(KITTI / name, sensor=Sensor()) == []
+    assert levels(KITTI / name, sensor=RangeImage()) == []
 
 
 def test_without_a_bundle_no_sensor_is_compared(folder):
@@ -164,16 +164,16 @@ def test_millimetres(folder):
 
 
 def test_sensor_with_another_field_of_view(folder):
-    wide = Sensor(height=32, width=512, fov_up=45.0, fov_down=-45.0)
+    wide = RangeImage(height=32, width=512, fov_up=45.0, fov_down=-45.0)
     only(folder, "bad", "field of view", "only 29 % of its rows", sensor=wide)
-    narrow = Sensor(height=32, width=512, fov_up=10.0, fov_down=-10.0)
+    narrow = RangeImage(height=32, width=512, fov_up=10.0, fov_down=-10.0)
     only(folder, "bad", "field of view", "lie outside", sensor=narrow)
 
 
 def test_sensor_with_more_or_fewer_rows(folder):
-    only(folder, "warn", "rows", "about 32 beams", "64 rows", "stay empty", sensor=Sensor())
-    only(folder, "bad", "rows", "128 rows", sensor=Sensor(height=128))
-    only(folder, "warn", "rows", "16 rows", "hide each other", sensor=Sensor(height=16))
+    only(folder, "warn", "rows", "about 32 beams", "64 rows", "stay empty", sensor=RangeImage())
+    only(folder, "bad", "rows", "128 rows", sensor=RangeImage(height=128))
+    only(folder, "warn", "rows", "16 rows", "hide each other", sensor=RangeImage(height=16))
 
 
 def test_short_poses(folder):

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from runtime.bundle.residual import Residual
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
 from runtime.image.inputs import InputBuilder
-from runtime.sensors.sensor import Residual, Sensor
+from runtime.sensors.range_image import RangeImage
 from tests.support.paths import SHARED
 from tests.support.reference_inputs import input_image, project_point
 
@@ -39,7 +40,7 @@ def pose(seed: int, far: float = 0.0) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["absolute", "signed"])
 @pytest.mark.parametrize("threads", [1, 2])
 def test_input_equals_reference(shape, kind, threads):
-    sensor = Sensor(height=shape[0], width=shape[1])
+    sensor = RangeImage(height=shape[0], width=shape[1])
     residual = Residual(lags=(1, 3, 8), kind=kind)
     points = street(0)
     past = [street(i) for i in range(1, 9)]
@@ -52,7 +53,7 @@ def test_input_equals_reference(shape, kind, threads):
 
 
 def test_every_point_keeps_its_pixel():
-    sensor = Sensor()
+    sensor = RangeImage()
     points = street(5)
     got = InputBuilder(sensor, Residual(), Workers(2)).build(points, [], [])
     want = np.array([project_point(*p[:3].astype(np.float64), sensor) for p in points])
@@ -78,7 +79,7 @@ def test_every_point_keeps_its_pixel():
     ],
 )
 def test_corners_of_the_projection(point, u, v):
-    got = InputBuilder(Sensor(), Residual(), Workers(1)).build(np.array([[*point, 0]], np.float32), [], [])
+    got = InputBuilder(RangeImage(), Residual(), Workers(1)).build(np.array([[*point, 0]], np.float32), [], [])
     assert got.pixel.tolist() == [v * 2048 + u]
 
 
@@ -89,7 +90,7 @@ def test_points_without_direction_have_no_pixel():
     points[9, 2] = np.inf
     points[11, 0] = -np.inf
     points[13, :3] = 3e38  # the norm overflows
-    got = InputBuilder(Sensor(), Residual(), Workers(1)).build(points, [points], [np.eye(4)])
+    got = InputBuilder(RangeImage(), Residual(), Workers(1)).build(points, [points], [np.eye(4)])
     assert set(np.flatnonzero(got.pixel < 0)) == {3, 7, 9, 11, 13}
     assert (got.range[got.pixel < 0] == 0).all()
     assert np.isfinite(got.image).all()
@@ -101,16 +102,20 @@ def test_residual_by_hand():
     back = np.eye(4)
     back[0, 3] = 1.0  # the past scan was taken 1 m ahead
     for kind, want in (("absolute", 0.3), ("signed", 0.3)):
-        image = InputBuilder(Sensor(), Residual(lags=(1,), kind=kind), Workers(1)).build(now, [before], [back]).image
+        image = (
+            InputBuilder(RangeImage(), Residual(lags=(1,), kind=kind), Workers(1)).build(now, [before], [back]).image
+        )
         assert image[5, 6, 1024] == pytest.approx(want, rel=1e-6)
         assert (image[5] != 0).sum() == 1
     nearer = np.array([[5, 0, 0, 0]], np.float32)
-    signed = InputBuilder(Sensor(), Residual(lags=(1,), kind="signed"), Workers(1)).build(now, [nearer], [np.eye(4)])
+    signed = InputBuilder(RangeImage(), Residual(lags=(1,), kind="signed"), Workers(1)).build(
+        now, [nearer], [np.eye(4)]
+    )
     assert signed.image[5, 6, 1024] == pytest.approx(-0.5)
 
 
 def test_a_lag_without_scan_is_zero_and_buffers_hold_no_past():
-    builder = InputBuilder(Sensor(), Residual(), Workers(2))
+    builder = InputBuilder(RangeImage(), Residual(), Workers(2))
     points, past = street(0), [street(i) for i in range(1, 9)]
     assert (builder.build(points, past, [np.eye(4)] * 8).image[5:] != 0).any(axis=(1, 2)).all()
     image = builder.build(points, [past[0], None], [np.eye(4), None]).image
@@ -119,7 +124,7 @@ def test_a_lag_without_scan_is_zero_and_buffers_hold_no_past():
 
 
 def test_empty_and_single():
-    builder = InputBuilder(Sensor(), Residual(), Workers(2))
+    builder = InputBuilder(RangeImage(), Residual(), Workers(2))
     empty = builder.build(np.empty((0, 4), np.float32), [np.empty((0, 3), np.float32)], [np.eye(4)])
     assert (empty.image == 0).all()
     assert empty.pixel.shape == (0,)
@@ -131,7 +136,7 @@ def test_inputs_are_not_written():
     points = street(0)
     points.setflags(write=False)
     before = points.copy()
-    InputBuilder(Sensor(), Residual(), Workers(2)).build(points, [points], [np.eye(4)])
+    InputBuilder(RangeImage(), Residual(), Workers(2)).build(points, [points], [np.eye(4)])
     np.testing.assert_array_equal(points, before)
 
 
@@ -141,7 +146,7 @@ def test_inputs_are_not_written():
 )
 def test_bad_sensor(settings):
     with pytest.raises(SettingError):
-        Sensor(**settings)
+        RangeImage(**settings)
 
 
 @pytest.mark.parametrize("settings", [{"lags": ()}, {"lags": (0,)}, {"lags": (2, 1)}, {"lags": (9,)}, {"kind": "x"}])
@@ -158,7 +163,7 @@ def test_real_input():
     frames = [sequence.read(i) for i in range(12, 21)]
     (points, now), past = frames[-1], frames[-2::-1]
     relative = [np.linalg.inv(now) @ before for _, before in past]
-    got = InputBuilder(Sensor(), Residual(), Workers(2)).build(points, [scan for scan, _ in past], relative)
+    got = InputBuilder(RangeImage(), Residual(), Workers(2)).build(points, [scan for scan, _ in past], relative)
     want = np.load(SHARED / "published/input_90_000020.npz")
     for channel in range(13):
         differs = np.abs(got.image[channel] - want["input"][channel]) > 1e-4
