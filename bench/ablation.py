@@ -14,7 +14,7 @@ import typer
 
 from bench.accuracy import STREETS, score, scores, simulated, with_runner
 from bench.report import save, show
-from export.to_onnx import export_checkpoint
+from export.convert import export_checkpoint
 from mos_model.networks import checkpoint
 from mos_model.networks.config import ModelConfig, named_config
 from mos_model.publish import publish

@@ -14,7 +14,7 @@ import typer
 from torch import Tensor, nn
 
 from bench.report import interleaved, save, show, summary
-from export.to_onnx import onnx_bytes
+from export.convert import onnx_bytes
 from mos_model.networks.blocks import act
 from mos_model.networks.config import named_config
 from mos_model.networks.network import CLASSES, ImageOutput, build_image_network

@@ -52,8 +52,8 @@ def random_bundle(config: str, precision: str, folder: Path) -> Path:
     """The bundle of a configuration of the paper with random weights."""
     import torch
 
+    from export.convert import export_checkpoint
     from export.int8.judge import Settings
-    from export.to_onnx import export_checkpoint
     from mos_model.networks import checkpoint
     from mos_model.networks.config import named_config
     from mos_model.networks.network import build_image_network, build_point_head

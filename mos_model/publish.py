@@ -6,6 +6,7 @@ streets without a mover stay quiet. Traffic is light, as on most streets; traini
 and a threshold chosen on them would raise false alarms.
 """
 
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from mos_model.data.dataset import Sample, SampleConfig, SimulatedStreets
 from mos_model.data.labels import MOVING, STATIC
 from mos_model.networks.checkpoint import Checkpoint, load, save
+from runtime.commands.handler import run_alone
 from runtime.runner import CANDIDATE
 
 CALIBRATION_STREETS = 15_000_000  # seeds from here on choose thresholds; validation has those below
@@ -131,4 +133,4 @@ def publish(
 
 
 if __name__ == "__main__":
-    typer.run(publish)
+    sys.exit(run_alone(publish, "publish"))

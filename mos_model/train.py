@@ -8,10 +8,11 @@ from typing import Annotated, Any
 
 import typer
 
-from runtime.errors import MosError, SettingError
+from runtime.commands.handler import need_extra, run_alone
+from runtime.errors import SettingError
 
 
-def train_command(
+def train(
     out: Annotated[Path, typer.Option(help="Folder of the run: last.pt, best.pt, metrics.jsonl")] = Path("runs/train"),
     data: Annotated[str, typer.Option(help="'simulated', or the root of a data set (holds sequences/)")] = "simulated",
     road: Annotated[bool, typer.Option(help="With KITTI-Road-MOS in the same root")] = False,
@@ -43,7 +44,8 @@ def train_command(
         typer.Option("--set", help="Other settings: name=value of the recipe, augmentation.NAME, model.NAME"),
     ] = None,
 ) -> None:
-    """Train a network on SemanticKITTI or on simulated streets."""
+    """Train a network on SemanticKITTI or on simulated streets (extra 'train')."""
+    need_extra("train", "torch")
     import torch
 
     from mos_model.networks.config import ModelConfig, named_config
@@ -118,19 +120,5 @@ def parse_setting(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Entry point of `python -m mos_model.train`. 0: done, 1: failed (stderr says why), 2: wrong usage."""
-    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    app.command()(train_command)
-    try:
-        app(arguments, prog_name="mos train")
-    except MosError as error:
-        typer.echo(f"train: {error}", err=True)
-        return 1
-    except SystemExit as done:
-        return done.code if isinstance(done.code, int) else 0
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_alone(train, "mos train"))

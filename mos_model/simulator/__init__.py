@@ -2,9 +2,7 @@
 
 from mos_model.simulator.sequence import Frame, Simulation, simulate
 from mos_model.simulator.settings import SimulationSettings
-from mos_model.simulator.write import WrittenDataset, simulate_command, write_dataset
-from runtime.sensors.registry import SENSORS
-from runtime.sensors.sensor import Sensor
+from mos_model.simulator.write import WrittenDataset, write_dataset
 
 __all__ = [
     "Frame",
@@ -12,6 +10,5 @@ __all__ = [
     "SimulationSettings",
     "WrittenDataset",
     "simulate",
-    "simulate_command",
     "write_dataset",
 ]

@@ -87,24 +87,6 @@ def sequence_seed(seed: int, index: int) -> int:
     return int(np.random.SeedSequence((seed, index)).generate_state(1)[0])
 
 
-def simulate_command(
-    out: Path,
-    sequences: int = 4,
-    frames: int = 100,
-    seed: int = 0,
-    sensor: str = "hdl64e",
-    progress: Callable[[int, int], None] | None = None,
-    **settings: Any,
-) -> str:
-    """`mos simulate`: write the data set and say in one line what it is."""
-    done = write_dataset(out, sequences, frames, seed, sensor, progress, **settings)
-    return (
-        f"{done.path}: {done.scans} scans in {done.sequences} sequences, "
-        f"{done.points / done.scans:,.0f} points a scan, "
-        f"{100 * done.moving_points / max(done.points, 1):.2f} % of them moving"
-    )
-
-
 def _write_sequence(folder: Path, drive: Simulation, report: Callable[[int], None]) -> np.ndarray:
     """Write one drive; returns its points and moving points."""
     (folder / "velodyne").mkdir(parents=True)

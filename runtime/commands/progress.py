@@ -1,9 +1,7 @@
-"""The progress bar of `mos run`."""
+"""Progress bars, on stderr."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import (
@@ -19,11 +17,6 @@ from rich.progress import (
 )
 from rich.text import Text
 
-if TYPE_CHECKING:
-    from runtime.predict import Summary
-    from runtime.recordings.sequence import Sequence
-    from runtime.runner import MosRunner
-
 
 class _Speed(ProgressColumn):
     """Scans per second."""
@@ -36,10 +29,21 @@ class _Speed(ProgressColumn):
 @contextmanager
 def counted(what: str) -> Iterator[Callable[[int, int], None]]:
     """A bar for `progress(done, total)`."""
-    columns = TextColumn(what), BarColumn(), MofNCompleteColumn(), _Speed(), TimeRemainingColumn()
+    name = TextColumn("{task.description}", markup=False)
+    columns = name, BarColumn(), MofNCompleteColumn(), _Speed(), TimeRemainingColumn()
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task(what, total=None)
-        yield lambda done, total: progress.update(task, completed=done, total=total)
+        started = False
+
+        def show(done: int, total: int) -> None:
+            nonlocal started
+            if started:
+                progress.update(task, completed=done, total=total)
+            else:  # what was done before says nothing about the speed
+                progress.reset(task, completed=done, total=total)
+            started = True
+
+        yield show
 
 
 @contextmanager
@@ -57,29 +61,3 @@ def stages() -> Iterator[Callable[[str, int, int, str], None]]:
             progress.update(tasks[stage], completed=done, total=total, note=note)
 
         yield show
-
-
-def predict_with_progress(sequence: "Sequence", runner: "MosRunner", out: Path, overwrite: bool) -> "Summary":
-    """`predict` with a bar: scans done, scans per second, time left."""
-    from runtime.predict import predict  # with all that computes, which `mos eval` does without
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        _Speed(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True)) as progress:
-        task = progress.add_task(f"sequence {sequence.name}", total=len(sequence))
-        started = False
-
-        def show(done: int, total: int) -> None:
-            nonlocal started
-            if started:
-                progress.update(task, completed=done)
-            else:  # scans that were done before say nothing about the speed
-                progress.reset(task, total=total, completed=done)
-            started = True
-
-        return predict(sequence, runner, out, overwrite=overwrite, on_progress=show)

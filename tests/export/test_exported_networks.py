@@ -7,7 +7,7 @@ import torch
 
 from export.bundle.write import rounded_to_half, write_point_head
 from export.checkpoint.published import understand
-from export.to_onnx import onnx_bytes
+from export.convert import onnx_bytes
 from mos_model.networks.config import named_config
 from mos_model.networks.network import build_image_network, build_point_head
 from runtime.bundle.head_shape import FULL, LITE

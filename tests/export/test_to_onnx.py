@@ -1,165 +1,27 @@
-"""From a checkpoint to a bundle: whole, equal to PyTorch, the same bytes each time, or nothing."""
+"""The command `mos export`, which is the script too."""
 
-import dataclasses
-import functools
-import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
-import numpy as np
 import pytest
-import torch
 
 from export import to_onnx
-from export.bundle import parity, write
-from export.to_onnx import export_checkpoint, main
-from mos_model.networks.checkpoint import save
-from mos_model.simulator import simulate
 from runtime.bundle.manifest import load_bundle
-from runtime.errors import BundleError, CheckpointError, OutputError, ParityError, SettingError
-from runtime.runner import MosRunner
-from runtime.sensors.registry import SENSORS
-from tests.support.make_tiny import random_network, tiny_config
-from tests.support.paths import ROOT
-
-TINY = ROOT / "tests" / "data" / "tiny"
-
-
-@pytest.fixture(scope="module", autouse=True)
-def thin_scans():
-    """A tenth of the sensor's columns: the comparison is quick. The script's test takes full scans."""
-    sensor = dataclasses.replace(SENSORS["hdl64e"], azimuth_steps=200)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(parity, "simulate", functools.partial(simulate, sensor=sensor))
-        yield
-
-
-@pytest.fixture(scope="module")
-def first(tmp_path_factory):
-    """What an export of the tiny checkpoint did, with everything that a bundle can hold."""
-    return export_checkpoint(TINY / "checkpoint.pt", tmp_path_factory.mktemp("first") / "bundle", point_head_onnx=True)
-
-
-def contents(folder):
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
-
-
-def test_the_bundle_agrees_and_says_so(first):
-    manifest = first.bundle.manifest
-    assert 0 < first.parity.worst() < 1e-5
-    assert manifest.parity["image_net"] >= first.parity.image_net
-    assert manifest.parity["point_head"] >= first.parity.point_head
-    assert manifest.parity["point_head_onnx"] >= first.parity.point_head_onnx > 0
-    assert manifest.parity["limit"] == 1e-4
-    assert manifest.weights["trained"] is False
-    assert manifest.model == tiny_config().to_dict()
-    assert {entry.precision for entry in manifest.files.values()} == {"float16"}
-    files = {"manifest.json", "image_net.onnx", "point_head.npz", "point_head.onnx"}
-    assert set(contents(first.bundle.path)) == files
-
-
-def test_the_same_checkpoint_gives_the_same_bytes(first, tmp_path):
-    again = export_checkpoint(TINY / "checkpoint.pt", tmp_path / "again", point_head_onnx=True)
-    assert contents(first.bundle.path) == contents(again.bundle.path)
-
-
-def test_the_committed_bundle_is_that_of_the_committed_checkpoint(first):
-    """Networks bit by bit the same; ONNX Runtime and torch may move the figures of the comparison."""
-    committed, made = load_bundle(TINY / "bundle").manifest, first.bundle.manifest
-    assert committed.model == made.model
-    assert committed.weights == made.weights
-    for name in made.files:
-        assert (TINY / "bundle" / name).read_bytes() == (first.bundle.path / name).read_bytes(), name
-
-
-def test_the_bundle_runs(first):
-    runner = MosRunner(first.bundle.path, threads=1)
-    scan = np.random.default_rng(0).uniform(-20, 20, (500, 4)).astype(np.float32)
-    assert runner(scan, np.eye(4)).moving.shape == (500,)
-
-
-def test_make_tiny_makes_the_committed_weights():
-    image_net, point_head = random_network(tiny_config())
-    stored = torch.load(TINY / "checkpoint.pt", weights_only=True)
-    for name, module in (("image_net", image_net), ("point_head", point_head)):
-        for key, value in module.state_dict().items():
-            torch.testing.assert_close(stored[name][key].to(value.dtype), value, atol=1e-3, rtol=1e-3)
-
-
-def test_a_bundle_that_disagrees_is_not_kept(monkeypatch, tmp_path):
-    real = write.write_point_head
-
-    def spoilt(path, head, config, half):
-        real(path, head, config, half)
-        with np.load(path) as stored:
-            arrays = dict(stored)
-        arrays["classifier.bias"] = arrays["classifier.bias"] + np.float32([0, 0, 0.1])
-        np.savez(path, **arrays)
-
-    monkeypatch.setattr(to_onnx, "write_point_head", spoilt)
-    with pytest.raises(ParityError, match="differs from PyTorch"):
-        export_checkpoint(TINY / "checkpoint.pt", tmp_path / "bundle")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_an_onnx_point_head_that_disagrees_is_not_kept(monkeypatch, tmp_path):
-    real = to_onnx.head_bytes
-
-    def spoilt(arrays, config):
-        return real(arrays | {"classifier.bias": arrays["classifier.bias"] + np.float32([0, 0, 0.1])}, config)
-
-    monkeypatch.setattr(to_onnx, "head_bytes", spoilt)
-    with pytest.raises(ParityError, match="as ONNX graph"):
-        export_checkpoint(TINY / "checkpoint.pt", tmp_path / "bundle", point_head_onnx=True)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_the_onnx_point_head_is_optional(tmp_path):
-    made = export_checkpoint(TINY / "checkpoint.pt", tmp_path / "bundle")
-    assert set(made.bundle.manifest.files) == {"image_net.onnx", "point_head.npz"}
-    assert made.parity.point_head_onnx is None
-    assert "point_head_onnx" not in made.bundle.manifest.parity
-
-
-def test_no_onnx_point_head_without_a_point_head(tmp_path):
-    config = dataclasses.replace(tiny_config(), point_head=None)
-    image_net, _ = random_network(config)
-    save(tmp_path / "checkpoint.pt", config, image_net, None, {"trained": False}, half=True)
-    with pytest.raises(SettingError, match="has no point head"):
-        export_checkpoint(tmp_path / "checkpoint.pt", tmp_path / "bundle", point_head_onnx=True)
-
-
-def test_a_failed_export_leaves_the_earlier_bundle(monkeypatch, tmp_path):
-    out = tmp_path / "bundle"
-    with write.replacing(out) as folder:
-        (folder / "manifest.json").write_text("earlier")
-    monkeypatch.setattr(to_onnx, "check_parity", lambda *_: (_ for _ in ()).throw(ParityError("no")))
-    with pytest.raises(ParityError):
-        export_checkpoint(TINY / "checkpoint.pt", out)
-    assert contents(out) == {"manifest.json": b"earlier"}
-    assert list(tmp_path.iterdir()) == [out]
-
-
-@pytest.mark.parametrize(
-    ("settings", "error", "message"),
-    [
-        ({"weights": "int4"}, SettingError, "stored as float16 or float32"),
-        ({"height": 63}, SettingError, "multiple of 16"),
-        ({"network": "v1"}, CheckpointError, "leave out --network"),
-    ],
-)
-def test_settings_that_cannot_be_are_errors(tmp_path, settings, error, message):
-    with pytest.raises(error, match=message):
-        export_checkpoint(TINY / "checkpoint.pt", tmp_path / "bundle", **settings)
-    assert list(tmp_path.iterdir()) == []
+from runtime.commands.handler import run_alone
+from runtime.errors import CheckpointError
+from tests.support.paths import ROOT, TINY
 
 
 def test_no_checkpoint_is_an_error_on_the_command_line(tmp_path, capsys):
     (tmp_path / "x.pt").write_text("not a checkpoint")
-    assert main(["--checkpoint", str(tmp_path / "x.pt"), "--out", str(tmp_path / "bundle")]) == 1
-    assert "export: " in capsys.readouterr().err
+    assert (
+        run_alone(
+            to_onnx.export, "mos export", ["--checkpoint", str(tmp_path / "x.pt"), "--out", str(tmp_path / "bundle")]
+        )
+        == 1
+    )
+    assert "mos: " in capsys.readouterr().err
     assert not (tmp_path / "bundle").exists()
 
 
@@ -188,68 +50,3 @@ def test_without_arguments_it_takes_the_default_or_the_tiny_checkpoint(monkeypat
         (tmp_path / place).mkdir(parents=True)
         (tmp_path / place / "checkpoint.pt").write_bytes(b"")
         assert to_onnx.default_checkpoint() == (tmp_path / place / "checkpoint.pt", tmp_path / out)
-
-
-def test_other_files_of_a_bundle_are_kept(tmp_path):
-    out = tmp_path / "bundle"
-    out.mkdir()
-    (out / "checkpoint.pt").write_bytes(b"weights")
-    (out / "README.md").write_text("card")
-    for content in ("one", "two"):
-        with write.replacing(out) as folder:
-            (folder / "manifest.json").write_text(content)
-        assert contents(out) == {"manifest.json": content.encode(), "checkpoint.pt": b"weights", "README.md": b"card"}
-
-
-def test_a_folder_that_is_no_bundle_is_not_replaced(tmp_path):
-    (tmp_path / "photos").mkdir()
-    (tmp_path / "photos" / "cat.jpg").write_bytes(b"cat")
-    (tmp_path / "file").write_text("x")
-    for name in ("photos", "file"):
-        with pytest.raises(BundleError, match="is no bundle"), write.replacing(tmp_path / name):
-            pass
-    assert (tmp_path / "photos" / "cat.jpg").read_bytes() == b"cat"
-
-
-def test_a_disk_that_refuses_is_an_output_error(monkeypatch, tmp_path):
-    out = tmp_path / "bundle"
-    with pytest.raises(OutputError, match="could not be written"), write.replacing(out):
-        raise OSError(28, "No space left on device")
-    assert list(tmp_path.iterdir()) == []
-    with write.replacing(out) as folder:
-        (folder / "manifest.json").write_text("earlier")
-    real = Path.rename
-
-    def refuse(path, target):
-        if path.name.endswith(".new"):
-            raise OSError(13, "Permission denied")
-        return real(path, target)
-
-    monkeypatch.setattr(Path, "rename", refuse)
-    with pytest.raises(OutputError), write.replacing(out) as folder:
-        (folder / "manifest.json").write_text("later")
-    assert contents(out) == {"manifest.json": b"earlier"}
-    assert list(tmp_path.iterdir()) == [out]
-
-
-def test_weights_beyond_float16_are_an_error():
-    image_net, _ = random_network(tiny_config())
-    image_net.downCntx.conv1.weight.data[0] = 1e6
-    with pytest.raises(CheckpointError, match=r"downCntx\.conv1\.weight; export with --weights float32"):
-        write.rounded_to_half(image_net, "test")
-
-
-@pytest.mark.parametrize(("value", "rounded"), [(0.0, 0.0), (1.2e-7, 2e-7), (9.5e-7, 1e-6), (3e-6, 3e-6)])
-def test_figures_are_rounded_up(value, rounded):
-    assert parity._rounded_up(value) == pytest.approx(rounded)
-
-
-def test_values_that_are_not_finite_never_agree():
-    assert parity._difference(np.float32([np.nan]), np.float32([0])) == float("inf")
-    assert not parity.Parity(float("nan"), 0.0, None, 1).worst() <= parity.LIMIT
-
-
-def test_manifests_hold_plain_values_only():
-    kept = write.plain({"step": 3, "scores": [0.5, torch.zeros(1)], "average": torch.zeros(1), 1: None})
-    assert kept == {"step": 3, "scores": [0.5], "1": None}
-    json.dumps(kept)

@@ -44,7 +44,7 @@ def run(*arguments: object) -> None:
     import typer
 
     app = typer.Typer()
-    app.command()(train.train_command)
+    app.command()(train.train)
     CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
 
 

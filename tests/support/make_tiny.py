@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from export.to_onnx import export_checkpoint
+from export.convert import export_checkpoint
 from mos_model.networks.checkpoint import load, save
 from mos_model.networks.config import ModelConfig, named_config
 from mos_model.networks.network import build_image_network, build_point_head

@@ -10,15 +10,17 @@ import pytest
 
 import mos_model.simulator
 from export.bundle import parity
+from export.convert import Outputs, export_checkpoint
 from export.int8 import judge as int8
 from export.int8.judge import LARGEST_SHIFT, Balance, Judge, Loss, Scene, Settings, choose_floats, recorded
 from export.int8.network import prepare
-from export.to_onnx import Outputs, export_checkpoint, main
+from export.to_onnx import export
 from mos_model.networks.checkpoint import save
 from mos_model.simulator import simulate
 from mos_model.simulator.write import write_dataset
 from runtime.bundle.manifest import load_bundle
 from runtime.bundle.residual import Residual
+from runtime.commands.handler import run_alone
 from runtime.errors import MosWarning, QuantisationError, ScanError, SequenceError, SettingError
 from runtime.image.image_net import ImageNet
 from runtime.runner import MosRunner
@@ -236,7 +238,7 @@ def test_the_command(checkpoint, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(int8, "CALIBRATION_STREETS", 20_000_000)
     monkeypatch.setattr(Settings, "__init__", functools.partialmethod(Settings.__init__, streets=1, judging=1))
     command = ["--checkpoint", str(checkpoint), "--out", str(tmp_path / "bundle"), "--threads", "1"]
-    assert main([*command, "--precision", "int8"]) == 0
+    assert run_alone(export, "mos export", [*command, "--precision", "int8"]) == 0
     said = capsys.readouterr().out
     assert "int8     mean difference of a probability" in said
     assert "image_net_int8.onnx" in said
@@ -248,11 +250,12 @@ def test_the_command(checkpoint, tmp_path, monkeypatch, capsys):
 def test_a_bundle_keeps_its_integers_unless_told_otherwise(first, checkpoint, tmp_path, monkeypatch):
     monkeypatch.setattr(Settings, "__init__", functools.partialmethod(Settings.__init__, streets=1, judging=1))
     out = shutil.copytree(first.path, tmp_path / "kept")
-    assert main(["--checkpoint", str(checkpoint), "--out", str(out)]) == 0
+    again = ["--checkpoint", str(checkpoint), "--out", str(out)]
+    assert run_alone(export, "mos export", again) == 0
     assert (out / "image_net_int8.onnx").is_file()
-    assert main(["--checkpoint", str(checkpoint), "--out", str(out), "--precision", "float32"]) == 0
+    assert run_alone(export, "mos export", [*again, "--precision", "float32"]) == 0
     assert not (out / "image_net_int8.onnx").exists()
-    assert main(["--checkpoint", str(checkpoint), "--out", str(out)]) == 0
+    assert run_alone(export, "mos export", again) == 0
     assert not (out / "image_net_int8.onnx").exists()
 
 

@@ -8,6 +8,7 @@ import pytest
 import torch
 from torch import nn
 
+from export.convert import Outputs
 from export.graph.graph import Graph, Node, to_model
 from export.graph.rewrite import fold_norms, is_unpadded
 from export.graph.tracing import trace
@@ -20,7 +21,6 @@ from export.int8.layout import shuffle_blocks, spread_gates
 from export.int8.network import prepare
 from export.int8.quantise import LARGEST, Params, kernel_integers, quantised
 from export.int8.shifts import Halves, carry_shifts, shift_of, to_relu
-from export.to_onnx import Outputs
 from mos_model.networks.config import named_config
 from mos_model.networks.network import ImageOutput, build_image_network
 from tests.support.models import randomise

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mos_model.simulator import simulate, simulate_command, write_dataset
+from mos_model.simulator import simulate, write_dataset
 from mos_model.simulator.write import sequence_seed
 from runtime.errors import OutputError, SettingError
 
@@ -69,9 +69,3 @@ def test_bad_settings_leave_nothing(tmp_path, arguments):
     with pytest.raises(SettingError):
         write_dataset(tmp_path / "data", **arguments)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_command_says_what_it_wrote(tmp_path):
-    line = simulate_command(tmp_path / "data", 1, 1, movers=0.0)
-    assert "1 scans in 1 sequences" in line
-    assert "0.00 % of them moving" in line

@@ -1,10 +1,13 @@
+"""`mos demo` and `mos simulate`."""
+
 import sys
 
 import numpy as np
 import pytest
 
+from mos_model.commands import demo, simulate
 from mos_model.simulator.demo import run_demo
-from runtime.commands.main import main
+from runtime.commands.handler import run_alone
 from runtime.errors import OutputError
 from runtime.evaluation.confusion import Confusion
 from runtime.recordings.labels import read_labels, to_classes
@@ -19,7 +22,7 @@ def no_pillow(monkeypatch):
 def test_the_demo_shows_scores_and_speed_and_goes_on_without_pillow(tmp_path, capsys, monkeypatch, no_pillow):
     monkeypatch.setenv("COLUMNS", "200")
     out = tmp_path / "demo"
-    assert main(["demo", "--out", str(out), "--scans", "3", "--bundle", str(BUNDLE)]) == 0
+    assert run_alone(demo, "mos demo", ["--out", str(out), "--scans", "3", "--bundle", str(BUNDLE)]) == 0
     shown = capsys.readouterr()
     for text in ("IoU", "precision", "95th percentile", "scans a second", "lidar-mos[view]", "of 3 scans"):
         assert text in shown.out
@@ -58,10 +61,18 @@ def test_somebody_elses_folder_is_left_alone(tmp_path, capsys):
     (tmp_path / "mine" / "file.txt").write_text("precious")
     (tmp_path / "file").write_text("precious")
     for name in ("mine", "file"):
-        assert main(["demo", "--out", str(tmp_path / name), "--scans", "1"]) == 1
+        assert run_alone(demo, "mos demo", ["--out", str(tmp_path / name), "--scans", "1"]) == 1
         shown = capsys.readouterr().err
         assert "mos: " in shown
         assert "--out" in shown
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["file.txt"]
     with pytest.raises(OutputError, match="cannot write"):
         run_demo(tmp_path / "file" / "demo", 1)
+
+
+def test_simulate_says_what_it_wrote(tmp_path, capsys):
+    arguments = [str(tmp_path / "data"), "--frames", "2", "--sensor", "vlp16"]
+    assert run_alone(simulate, "mos simulate", arguments) == 0
+    assert f"{tmp_path / 'data'}: 2 scans in 1 sequences, " in capsys.readouterr().out
+    assert run_alone(simulate, "mos simulate", arguments) == 1
+    assert "exists already" in capsys.readouterr().err

@@ -1,0 +1,194 @@
+"""Checkpoint -> bundle, whole or not at all."""
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from export.bundle.parity import Parity, check_parity
+from export.bundle.write import (
+    file_entry,
+    head_arrays,
+    plain,
+    replacing,
+    rounded_to_half,
+    write_manifest,
+    write_point_head,
+)
+from export.checkpoint.published import Source, understand
+from export.checkpoint.reader import read_tensors
+from export.graph.blocked import with_blocked_forms
+from export.graph.graph import to_model
+from export.graph.head_graph import head_bytes
+from export.graph.rewrite import fold_norms, trim_kernels
+from export.graph.tracing import trace
+from export.int8.judge import Settings, quantise
+from runtime.bundle.manifest import (
+    IMAGE_NET,
+    IMAGE_NET_INT8,
+    POINT_HEAD,
+    POINT_HEAD_ONNX,
+    Bundle,
+    Decision,
+    Manifest,
+    load_bundle,
+)
+from runtime.errors import SettingError
+
+STORED = ("float16", "float32")  # how kernels are stored
+PRECISIONS = ("float32", "int8")  # how the image network computes
+
+
+@dataclass(frozen=True)
+class Export:
+    """What an export did."""
+
+    source: Source
+    bundle: Bundle
+    parity: Parity
+
+
+class Outputs(nn.Module):
+    """The image network with what a bundle gives: probabilities and features."""
+
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        output = self.network(image)
+        return output.logits.softmax(1), output.features
+
+
+def export_checkpoint(
+    checkpoint: Path,
+    out: Path,
+    network: str | None = None,
+    weights: str | None = None,
+    height: int | None = None,
+    width: int | None = None,
+    trained: bool | None = None,
+    threads: int = 2,
+    point_head_onnx: bool = False,
+    precision: str | None = "float32",
+    int8: Settings | None = None,
+) -> Export:
+    """Write the bundle of a checkpoint to `out` and compare the two; a bundle that disagrees is not kept.
+
+    network: name of a published network, where its file leaves open which one it is.
+    weights: how kernels are stored, "float32" or "float16"; None: float16 for checkpoints of lidar-mos, else float32.
+    height, width: of the range image to export for; None: those of the checkpoint (published ones: 64 x 2048).
+    trained: whether the weights are; None: what the checkpoint says.
+    point_head_onnx: write the point head as an ONNX graph too, for execution providers on a GPU.
+    precision: "int8" writes the image network in 8-bit integers too, beside the float one; None: if the bundle that is
+        at `out` has that. int8: how, see `export.int8.judge.quantise`, which raises QuantisationError, SequenceError or
+        ScanError.
+
+    Raises CheckpointError, ParityError, SettingError, BundleError (`out` is something else) or OutputError.
+    """
+    if weights is not None and weights not in STORED:
+        raise SettingError(f"weights must be stored as {' or '.join(STORED)}, not {weights!r}")
+    if precision is None:
+        precision = "int8" if int8 is not None or (out / IMAGE_NET_INT8).is_file() else "float32"
+    if precision not in PRECISIONS:
+        raise SettingError(f"precision must be {' or '.join(PRECISIONS)}, not {precision!r}")
+    if int8 is not None and precision != "int8":
+        raise SettingError("calibration belongs to --precision int8")
+    source = understand(read_tensors(checkpoint), checkpoint, network)
+    source = replace(source, trained=source.trained if trained is None else trained)
+    sensor = source.config.sensor
+    sensor = replace(sensor, height=height or sensor.height, width=width or sensor.width)
+    source = replace(source, config=replace(source.config, sensor=sensor))
+    if point_head_onnx and source.point_head is None:
+        raise SettingError(f"{checkpoint}: has no point head to write as {POINT_HEAD_ONNX}")
+    stored = weights or ("float16" if source.kind == "checkpoint of lidar-mos" else "float32")
+    if stored == "float16":
+        rounded_to_half(source.image_net, f"{checkpoint}: image network")
+        if source.point_head is not None:
+            rounded_to_half(source.point_head, f"{checkpoint}: point head")
+    with replacing(out) as folder:
+        _write_networks(folder, source, stored, point_head_onnx)
+        manifest = _manifest(folder, source, stored, checkpoint)
+        write_manifest(folder, manifest)
+        parity = check_parity(load_bundle(folder), source.image_net, source.point_head, threads)
+        if precision == "int8":
+            manifest = _with_int8(folder, source, manifest, int8 or Settings(threads=threads))
+        write_manifest(folder, replace(manifest, parity=parity.to_manifest()))
+    return Export(source, load_bundle(out), parity)
+
+
+def onnx_bytes(network: nn.Module, shape: tuple[int, ...]) -> bytes:
+    """The ONNX model of an image network for an image of `shape` (1, channels, H, W)."""
+    graph = trace(with_blocked_forms(Outputs(network)), shape)
+    fold_norms(graph)
+    trim_kernels(graph)
+    return to_model(graph).SerializeToString(deterministic=True)
+
+
+def _write_networks(folder: Path, source: Source, precision: str, point_head_onnx: bool) -> None:
+    config = source.config
+    shape = (1, config.in_channels, config.sensor.height, config.sensor.width)
+    (folder / IMAGE_NET).write_bytes(onnx_bytes(source.image_net, shape))
+    if source.point_head is not None and config.point_head is not None:
+        half = precision == "float16"
+        write_point_head(folder / POINT_HEAD, source.point_head, config.point_head, half)
+        if point_head_onnx:
+            arrays = head_arrays(source.point_head, config.point_head, half)
+            (folder / POINT_HEAD_ONNX).write_bytes(head_bytes(arrays, config.point_head))
+
+
+def _with_int8(folder: Path, source: Source, manifest: Manifest, settings: Settings) -> Manifest:
+    """Write the image network in integers; the manifest with it."""
+    done = quantise(
+        Outputs(source.image_net),
+        (folder / IMAGE_NET).read_bytes(),
+        manifest.sensor,
+        manifest.residual,
+        manifest.decision.threshold,
+        source.trained,
+        settings,
+    )
+    path = folder / IMAGE_NET_INT8
+    path.write_bytes(done.model)
+    files = {**manifest.files, path.name: file_entry(path, "int8")}
+    return replace(manifest, files=files, accuracy={**manifest.accuracy, "int8": done.record})
+
+
+def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) -> Manifest:
+    config, training = source.config, source.training
+    features = _channels_of_features(source)
+    head = config.point_head
+    files = [IMAGE_NET] + [name for name in (POINT_HEAD, POINT_HEAD_ONNX) if (folder / name).exists()]
+    record = {
+        key: value
+        for key, value in training.items()
+        if key not in ("resume", "accuracy", "threshold", "head_threshold", "licence")
+    }
+    return Manifest(
+        name=config.name,
+        sensor=config.sensor,
+        residual=config.residual,
+        features=features,
+        point_head=head,
+        files={name: file_entry(folder / name, precision) for name in files},
+        weights={
+            "source": f"{source.kind}: {checkpoint.name}",
+            "sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest(),
+            "trained": source.trained,
+            "training": plain(record),
+        },
+        model=config.to_dict(),
+        decision=Decision(training.get("threshold"), training.get("head_threshold")),
+        postprocess=training.get("postprocess", "head" if head else "knn"),
+        accuracy=plain(training.get("accuracy", {})),
+        licence=training.get("licence", "unknown"),
+    )
+
+
+def _channels_of_features(source: Source) -> int:
+    """Channels of the feature map, from a pass over a tiny image."""
+    config = source.config
+    with torch.inference_mode():
+        return source.image_net(torch.zeros(1, config.in_channels, 16, 16)).features.shape[1]

@@ -1,0 +1,88 @@
+"""What every command does with errors, warnings and interrupts: of `mos` and of `python -m ...` alike."""
+
+import warnings
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import Any, TextIO
+
+import typer
+from typer.core import TyperCommand
+
+from runtime.errors import MissingPackageError, MosError, MosWarning
+
+PLAIN: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False}  # of every typer app
+
+
+class Command(TyperCommand):
+    """A command whose errors and warnings are lines on stderr. It ends with 0: done, 1: failed, 2: wrong usage, or
+    130: interrupted."""
+
+    def invoke(self, ctx: Any) -> Any:
+        name = ctx.command_path.partition(" ")[0]  # mos
+        with warnings.catch_warnings():
+            warnings.simplefilter("default", MosWarning)
+            warnings.showwarning = _shown_as(name)
+            try:
+                return super().invoke(ctx)
+            except BrokenPipeError:  # nobody reads any more, as with `| head`: typer ends without a word
+                raise
+            except (MosError, OSError) as error:  # OSError: a folder that may not be read
+                typer.echo(f"{name}: {error}", err=True)
+                raise typer.Exit(1) from None
+            except SystemError as error:
+                if not is_interrupt(error):
+                    raise
+                raise typer.Exit(130) from None
+
+
+def command(name: str, function: Callable[..., None], **settings: Any) -> Any:
+    """The command of a function whose arguments are annotated as typer has it."""
+    app = typer.Typer(**PLAIN)
+    app.command(name, cls=Command, **settings)(function)
+    return typer.main.get_command(app)
+
+
+def run_alone(function: Callable[..., None], name: str, arguments: list[str] | None = None) -> int:
+    """Run a function as a command of its own, called `name`; its exit code."""
+    return exit_code(command(name, function), name, arguments)
+
+
+def exit_code(command: Any, name: str, arguments: list[str] | None = None) -> int:
+    """Run a command; the code with which the process is to end."""
+    try:
+        command(arguments, prog_name=name)
+    except SystemExit as done:  # how typer ends
+        return done.code if isinstance(done.code, int) else 0
+    return 0
+
+
+def is_interrupt(error: BaseException) -> bool:
+    """Whether the user ended it; where Numba hands a result over, that is the cause of a SystemError."""
+    return isinstance(error, KeyboardInterrupt) or (
+        isinstance(error, SystemError) and isinstance(error.__cause__, KeyboardInterrupt)
+    )
+
+
+def need_extra(extra: str, *packages: str) -> None:
+    """Raises MissingPackageError where packages that this extra brings are not installed."""
+    if missing := [package for package in packages if find_spec(package) is None]:
+        raise MissingPackageError(
+            f"mos {extra} needs {' and '.join(missing)}, not installed here: pip install 'lidar-mos[{extra}]'"
+        )
+
+
+def _shown_as(name: str) -> Callable[..., None]:
+    """Ours without the place in the code, which says nothing to a user."""
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        text = warnings.formatwarning(message, category, filename, lineno, line)
+        typer.echo(f"{name}: warning: {message}" if issubclass(category, MosWarning) else text, err=True)
+
+    return show

@@ -1,0 +1,89 @@
+"""`mos info`: everything that a manifest says."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from runtime.commands.options import INSTALLED
+
+if TYPE_CHECKING:
+    from runtime.bundle.manifest import Bundle
+
+
+def info(
+    bundle: Annotated[
+        Path | None, typer.Argument(metavar="BUNDLE", help="Bundle folder.", show_default=INSTALLED)
+    ] = None,
+) -> None:
+    """Show what a bundle is: network, sensor, files, agreement with PyTorch, accuracy."""
+    from runtime.bundle.manifest import load_bundle
+
+    show_bundle(load_bundle(bundle))
+
+
+def show_bundle(bundle: "Bundle") -> None:
+    """Print the manifest as a table, in words."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from runtime.image.precision import choose_precision
+
+    manifest = bundle.manifest
+    sensor, residual, head = manifest.sensor, manifest.residual, manifest.point_head
+    decision = manifest.decision
+    rows = {
+        "bundle": f"{manifest.name}, format {manifest.format}",
+        "folder": str(bundle.path.resolve()),
+        "network": _words({key: value for key, value in manifest.model.items() if _plain(value)}),
+        "features": f"{manifest.features} channels",
+        "sensor": f"{sensor.height} x {sensor.width} pixels, {sensor.fov_down:g} to {sensor.fov_up:g} deg",
+        "normalisation": f"means {_numbers(sensor.mean)}; stds {_numbers(sensor.std)}",
+        "residuals": f"{residual.kind}, lags {_numbers(residual.lags)}, {residual.min_range:g} to "
+        f"{residual.max_range:g} m",
+        "point head": "none" if head is None else _words(asdict(head)),
+        "decision": f"pixels: {_decision(decision.threshold)}; point head: {_decision(decision.head_threshold)}",
+        "postprocess": f"{manifest.postprocess} unless told otherwise",
+        **{name: f"{entry.bytes / 1e6:.2f} MB, {entry.precision}" for name, entry in manifest.files.items()},
+        "precision": "image network in {}: {}".format(*choose_precision(bundle, "auto", [])),
+        "parity": _words(manifest.parity) or "not measured",
+        "accuracy": _words(manifest.accuracy) or "not measured",
+        "weights": _words(manifest.weights) or "unknown",
+        "licence": manifest.licence,
+    }
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for key, text in rows.items():
+        table.add_row(Text(key, style="bold"), Text(text))
+    Console(highlight=False, markup=False).print(table)
+
+
+def _decision(threshold: float | None) -> str:
+    return "the most likely class" if threshold is None else f"moving from {threshold:g} on"
+
+
+def _plain(value: Any) -> bool:
+    """Whether a value of the model has no row of its own (sensor, residuals, point head have)."""
+    return value is not None and not isinstance(value, Mapping | list | tuple)
+
+
+def _words(values: Mapping[str, Any], prefix: str = "") -> str:
+    """A mapping as "key value, key value"; a mapping within it gives "outer key value"."""
+    parts = []
+    for key, value in values.items():
+        name = f"{prefix}{key.replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            parts.append(_words(value, f"{name} "))
+        elif isinstance(value, bool):
+            parts.append(f"{name} {'yes' if value else 'no'}")
+        elif isinstance(value, list | tuple):
+            parts.append(f"{name} {_numbers(value) or 'none'}")
+        else:
+            parts.append(f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}")
+    return ", ".join(part for part in parts if part)
+
+
+def _numbers(values: Any) -> str:
+    return " ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values)

@@ -1,0 +1,41 @@
+"""Options that several commands have: each is written once."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class PoseFrame(StrEnum):
+    """Whose poses a file holds."""
+
+    CAMERA = "camera"
+    LIDAR = "lidar"
+
+
+INSTALLED = "the one that is installed"
+
+Input = Annotated[
+    Path,
+    typer.Argument(
+        metavar="INPUT",
+        help="A KITTI sequence (.../sequences/NN), a root with several, or a folder of .bin or .npy scans.",
+    ),
+]
+Bundle = Annotated[Path | None, typer.Option(help="Bundle to use.", show_default=INSTALLED)]
+Threads = Annotated[int, typer.Option(min=1, help="Threads to use.")]
+Names = Annotated[
+    list[str] | None,
+    typer.Option("--sequence", help="Sequence under a root; may be repeated.", show_default="all"),
+]
+Poses = Annotated[
+    Path | None, typer.Option(help="Pose file.", show_default="poses.txt of the sequence, or poses/NN.txt")
+]
+Calib = Annotated[
+    Path | None, typer.Option(help="KITTI calibration with Tr.", show_default="calib.txt of the sequence")
+]
+Frame = Annotated[
+    PoseFrame | None,
+    typer.Option(help="The poses are those of KITTI's camera or of the LiDAR itself.", show_default="camera"),
+]
