@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from runtime.bundle.manifest import POSTPROCESSES, Bundle, load_bundle
 from runtime.bundle.residual import HISTORY
 from runtime.compute.jit import is_cached
+from runtime.compute.sessions import provider_name
 from runtime.compute.workers import Workers
 from runtime.errors import MosWarning, SettingError
 from runtime.head.onnx_engine import ENGINES, choose_head
@@ -24,7 +25,7 @@ from runtime.head.refinement import PointHead
 from runtime.head.transfer import FeatureMap
 from runtime.image.decision import pixel_classes, point_results, take_refined
 from runtime.image.history import History
-from runtime.image.image_net import ImageNet, provider_name
+from runtime.image.image_net import ImageNet
 from runtime.image.inputs import ImageInput, InputBuilder
 from runtime.image.precision import choose_precision
 from runtime.image.projection import project_scan
@@ -81,7 +82,7 @@ class MosRunner:
             provider where the bundle has `point_head.onnx`, else "numba".
         precision: of the image network: "float32", "int8", or "auto": INT8 where the bundle has it and the processor
             gains from it (`runtime.image.precision`); what was chosen is logged and in the attribute `precision`.
-        providers, allow_fallback, session_options: see `runtime.image.image_net.open_session`.
+        providers, allow_fallback, session_options: see `runtime.compute.sessions.open_session`.
 
         Raises BundleError, ProviderError or SettingError.
         """

@@ -4,11 +4,11 @@ import copy
 from collections.abc import Collection, Sequence
 
 import numpy as np
-import onnxruntime as ort
 
 from export.graph.graph import Graph, Node, to_model
 from export.int8.blocks import expand_soft_pool
 from export.int8.shifts import Halves, leaky_convolutions
+from runtime.compute.sessions import open_session
 
 SAMPLES = 2048  # values that are looked at of each map and scan
 MOST = 8192  # of these, for the search of the range
@@ -134,9 +134,5 @@ def _integers(graph: Graph, values: list[int]) -> str:
 
 def _run(graph: Graph, images: Sequence[np.ndarray]) -> list[list[np.ndarray]]:
     graph.sweep()
-    options = ort.SessionOptions()
-    options.log_severity_level = 3
-    options.intra_op_num_threads = 2
-    options.enable_mem_pattern = False
-    session = ort.InferenceSession(to_model(graph).SerializeToString(), options, providers=["CPUExecutionProvider"])
+    session = open_session(to_model(graph).SerializeToString(), threads=2)
     return [session.run(graph.outputs, {graph.inputs[0]: image}) for image in images]

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import onnxruntime as ort
 from scipy.optimize import brentq
 from scipy.special import expit, logit
 from torch import nn
@@ -16,6 +15,7 @@ from torch import nn
 from export.int8.network import Prepared, prepare
 from mos_model.data.dataset import SampleConfig, SimulatedStreets
 from runtime.bundle.residual import HISTORY, Residual
+from runtime.compute.sessions import open_session
 from runtime.compute.workers import Workers
 from runtime.doctor.check_scans import Samples, check_points, check_sensor
 from runtime.errors import MosWarning, QuantisationError, ScanError, SequenceError
@@ -216,10 +216,7 @@ def _percent(share: float) -> float:
 
 def session(model: bytes, threads: int) -> Callable[[np.ndarray], np.ndarray]:
     """Probabilities (3, H, W) of an image (1, channels, H, W)."""
-    options = ort.SessionOptions()
-    options.log_severity_level = 3
-    options.intra_op_num_threads = threads
-    loaded = ort.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    loaded = open_session(model, threads=threads)
     return lambda image: loaded.run(["probabilities"], {"image": image})[0][0]
 
 

@@ -27,12 +27,12 @@ from numpy.typing import NDArray
 
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.bundle.manifest import POINT_HEAD_ONNX, Bundle
+from runtime.compute.sessions import Provider, open_session, provider_name
 from runtime.compute.workers import Workers
 from runtime.errors import BundleError, InferenceError, SettingError
 from runtime.head.numba_engine import PointHeadEngine
 from runtime.head.refinement import Floats, PointHead
 from runtime.head.sparse.kernel_map import Scale, build_scales, neighbours
-from runtime.image.image_net import Provider, open_session, provider_name
 
 ENGINES = ("auto", "numba", "onnx")
 # Providers that take a graph as it is; others compile it anew for every number of voxels, or run on the processor.
@@ -62,7 +62,7 @@ class OnnxHead(PointHead):
         session_options: Mapping[str, str] | None = None,
     ) -> None:
         """`path`: a bundle's `point_head.onnx`. Raises BundleError where it does not fit `config`; providers,
-        allow_fallback and session_options as in `runtime.image.image_net.open_session`, with its errors."""
+        allow_fallback and session_options as in `runtime.compute.sessions.open_session`, with its errors."""
         super().__init__(config, workers, config.in_channels)
         self._session = open_session(
             path,

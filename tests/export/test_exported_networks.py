@@ -1,7 +1,6 @@
 """The published outputs through exported files: ONNX Runtime for the image networks, Numba for the point heads."""
 
 import numpy as np
-import onnxruntime as ort
 import pytest
 import torch
 
@@ -12,6 +11,7 @@ from mos_model.networks.config import named_config
 from mos_model.networks.network import build_image_network, build_point_head
 from runtime.bundle.head_shape import FULL, LITE
 from runtime.bundle.manifest import Bundle
+from runtime.compute.sessions import open_session
 from runtime.compute.workers import Workers
 from runtime.head.numba_engine import PointHeadEngine
 from tests.support.published import reference_output, reference_state
@@ -21,7 +21,7 @@ SHAPE = (1, 13, 64, 256)
 
 
 def exported(network, image):
-    session = ort.InferenceSession(onnx_bytes(network, SHAPE), providers=["CPUExecutionProvider"])
+    session = open_session(onnx_bytes(network, SHAPE), threads=2)
     return session.run(["probabilities", "features"], {"image": np.asarray(image)})
 
 

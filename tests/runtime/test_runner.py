@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from runtime import MosRunner, MosWarning
+from runtime.compute.sessions import available_providers
 from runtime.errors import BundleError, InferenceError, PoseError, ProviderError, ScanError, SettingError
 from tests.support import street
 from tests.support.paths import BUNDLE, ROOT
@@ -316,9 +317,7 @@ def test_remember_goes_on_as_if_it_had_run(runner):
     ],
 )
 def test_bad_settings(settings, error, match):
-    import onnxruntime
-
-    if set(settings.get("providers", ())) & set(onnxruntime.get_available_providers()):
+    if set(settings.get("providers", ())) & set(available_providers()):
         pytest.skip("this ONNX Runtime has the provider")
     with pytest.raises(error, match=match):
         MosRunner(**{"bundle": BUNDLE, **settings})

@@ -1,7 +1,6 @@
 """What is traced and rewritten computes in ONNX Runtime what it computes in PyTorch."""
 
 import numpy as np
-import onnxruntime as ort
 import pytest
 import torch
 from torch import nn
@@ -12,6 +11,7 @@ from export.graph.rewrite import fold_norms
 from export.graph.tracing import trace
 from mos_model.networks.config import named_config
 from mos_model.networks.network import build_image_network
+from runtime.compute.sessions import open_session
 from runtime.errors import SettingError
 from tests.support.models import randomise
 
@@ -31,7 +31,7 @@ class Two(nn.Module):
 
 
 def run(graph, x):
-    session = ort.InferenceSession(to_model(graph).SerializeToString(), providers=["CPUExecutionProvider"])
+    session = open_session(to_model(graph).SerializeToString(), threads=2)
     return session.run(["probabilities", "features"], {"image": x.numpy()})
 
 

@@ -3,7 +3,6 @@
 import dataclasses
 
 import numpy as np
-import onnxruntime as ort
 import pytest
 import torch
 from torch import nn
@@ -23,6 +22,7 @@ from export.int8.quantise import LARGEST, Params, kernel_integers, quantised
 from export.int8.shifts import Halves, carry_shifts, shift_of, to_relu
 from mos_model.networks.config import named_config
 from mos_model.networks.network import ImageOutput, build_image_network
+from runtime.compute.sessions import open_session
 from tests.support.models import randomise
 
 SHAPE = (1, 13, 32, 64)
@@ -30,7 +30,7 @@ SHAPE = (1, 13, 32, 64)
 
 def run(graph, image, names=None):
     model = graph if isinstance(graph, bytes) else to_model(graph).SerializeToString()
-    return ort.InferenceSession(model, providers=["CPUExecutionProvider"]).run(names, {"image": image})
+    return open_session(model, threads=2).run(names, {"image": image})
 
 
 def image(seed=0, shape=SHAPE):

@@ -13,13 +13,13 @@ import pytest
 from runtime import MosRunner
 from runtime.bundle.head_shape import FULL, LITE
 from runtime.bundle.manifest import load_bundle
+from runtime.compute.sessions import CPU
 from runtime.compute.workers import Workers
 from runtime.errors import BundleError, ProviderError, SettingError
 from runtime.head import onnx_engine as onnx_head
 from runtime.head.numba_engine import PointHeadEngine
 from runtime.head.onnx_engine import OnnxHead, choose_head, joins
 from runtime.head.voxels import voxelise
-from runtime.image.image_net import CPU
 from tests.runtime.test_runner import drive
 from tests.support import reference_voxels as reference
 from tests.support.paths import BUNDLE

@@ -2,19 +2,15 @@
 
 import dataclasses
 import shutil
-import warnings
 
 import numpy as np
-import onnxruntime as ort
 import pytest
 
 from runtime.bundle.manifest import load_bundle
-from runtime.errors import BundleError, InferenceError, MosWarning, ProviderError, SettingError
-from runtime.image.image_net import CPU, ImageNet
+from runtime.compute.sessions import CPU
+from runtime.errors import BundleError, InferenceError
+from runtime.image.image_net import ImageNet
 from tests.support.paths import BUNDLE
-
-CUDA = "CUDAExecutionProvider"
-NO_CUDA = pytest.mark.skipif(CUDA in ort.get_available_providers(), reason="ONNX Runtime with CUDA is here")
 
 
 def image(seed=0):
@@ -73,47 +69,6 @@ def test_overflow_of_the_features_is_noticed(net):
 def test_an_image_that_does_not_fit_is_an_error(net, given):
     with pytest.raises(InferenceError, match=r"takes \(13, 64, 256\) float32"):
         net.run(given)
-
-
-@NO_CUDA
-@pytest.mark.parametrize("provider", [CUDA, (CUDA, {"device_id": 0})])
-def test_a_provider_that_is_not_there_is_an_error_that_says_what_to_install(provider):
-    with pytest.raises(ProviderError, match=r"CUDAExecutionProvider is not .*\(it has .*onnxruntime-gpu"):
-        ImageNet(BUNDLE / "image_net.onnx", threads=1, providers=[provider, CPU])
-
-
-@NO_CUDA
-def test_the_fallback_must_be_allowed_and_warns(net):
-    with pytest.warns(MosWarning, match="onnxruntime-gpu"):
-        other = ImageNet(BUNDLE / "image_net.onnx", threads=1, providers=[CUDA], allow_fallback=True)
-    assert other.providers == [CPU]
-    np.testing.assert_allclose(other.run(image())[0], net.run(image())[0], atol=1e-6)
-
-
-def test_an_unknown_provider_is_an_error():
-    with pytest.raises(ProviderError, match="AbacusExecutionProvider"):
-        ImageNet(BUNDLE / "image_net.onnx", threads=1, providers=["AbacusExecutionProvider"])
-
-
-def test_the_cpu_is_no_fallback():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        ImageNet(BUNDLE / "image_net.onnx", threads=1, providers=[(CPU, {})])
-
-
-def test_session_options_reach_onnx_runtime():
-    options = {"session.intra_op.allow_spinning": "1"}
-    ImageNet(BUNDLE / "image_net.onnx", threads=1, session_options=options).run(image())
-    with pytest.raises(SettingError, match="session option"):
-        ImageNet(BUNDLE / "image_net.onnx", threads=1, session_options={"": "x"})
-
-
-@pytest.mark.parametrize("content", [b"", b"no network", None])
-def test_a_broken_file_is_an_error(tmp_path, content):
-    path = tmp_path / "image_net.onnx"
-    path.write_bytes((BUNDLE / "image_net.onnx").read_bytes()[:5000] if content is None else content)
-    with pytest.raises(BundleError, match=r"image_net\.onnx"):
-        ImageNet(path, threads=1)
 
 
 def test_a_network_that_is_not_what_the_manifest_says_is_an_error(tmp_path):
