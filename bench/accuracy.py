@@ -17,10 +17,11 @@ from mos_model.simulator import simulate
 from runtime import MosRunner
 from runtime.bundle.manifest import load_bundle
 from runtime.bundle.residual import HISTORY, Residual
+from runtime.classes import MOVING, STATIC, to_classes
 from runtime.compute.workers import Workers
 from runtime.evaluation.confusion import Confusion
 from runtime.image.inputs import InputBuilder
-from runtime.recordings.labels import read_labels, to_classes
+from runtime.recordings.labels import read_labels
 from runtime.recordings.sequence import open_sequence
 from runtime.sensors.range_image import RangeImage
 
@@ -60,7 +61,7 @@ def real(folder: Path, first: int = HISTORY, limit: int | None = None) -> Drive:
             points, pose = sequence.read(index)
             labels = folder / "labels" / f"{path.stem}.label"
             known = labels.is_file()
-            classes = to_classes(read_labels(labels, len(points))) if known else np.ones(len(points), np.uint8)
+            classes = to_classes(read_labels(labels, len(points))) if known else np.full(len(points), STATIC, np.uint8)
             yield Scan(points, pose, classes, index >= first)
 
     return drive
@@ -75,7 +76,7 @@ def score(drives: list[Drive], systems: Mapping[str, Callable[[], Labeller]]) ->
             for name, label in labellers.items():
                 moving = label(scan)
                 if scan.scored:
-                    found[name].add(scan.classes, np.where(moving, 2, 1))
+                    found[name].add(scan.classes, np.where(moving, MOVING, STATIC))
     return found
 
 

@@ -17,8 +17,9 @@ from bench.report import interleaved, save, show, summary
 from export.convert import onnx_bytes
 from mos_model.networks.blocks import act
 from mos_model.networks.config import named_config
-from mos_model.networks.network import CLASSES, ImageOutput, build_image_network
+from mos_model.networks.network import ImageOutput, build_image_network
 from mos_model.networks.realtime import WIDTHS, RealtimeNet, Up, conv
+from runtime.classes import CLASSES
 from runtime.image.image_net import ImageNet
 
 CHANNELS = 16
@@ -72,7 +73,7 @@ def full_width(network: RealtimeNet) -> None:
     network.__class__ = FullWidth
     for stem in (network.range_stem, network.motion_stem):
         stem[0].stride = (1, 1)
-    network.logits = nn.Conv2d(CHANNELS, CLASSES, 1)
+    network.logits = nn.Conv2d(CHANNELS, len(CLASSES), 1)
 
 
 def pooled(network: RealtimeNet) -> None:

@@ -11,15 +11,15 @@ import numpy as np
 from bench.report import ROOT
 from runtime.bundle.head_shape import FULL, LITE
 from runtime.bundle.residual import HISTORY, Residual
+from runtime.classes import MOVING, to_classes
 from runtime.compute.workers import Workers
 from runtime.head.numba_engine import FeatureMap, PointHeadEngine, fold
 from runtime.image.inputs import InputBuilder
-from runtime.recordings.labels import read_labels, to_classes
+from runtime.recordings.labels import read_labels
 from runtime.sensors.range_image import RangeImage
 
 HEADS = {"lite": LITE, "full": FULL}
 SEED = 2026  # of weights and features
-MOVING = 2
 
 
 def make_head(name: str, threads: int) -> PointHeadEngine:

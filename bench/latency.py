@@ -20,7 +20,8 @@ from bench.report import interleaved, save, show, summary
 from bench.scans import there_and_back
 from runtime import MosRunner
 from runtime.bundle.residual import HISTORY
-from runtime.recordings.labels import read_labels, to_classes, write_labels
+from runtime.classes import MOVING, to_classes
+from runtime.recordings.labels import read_labels, write_labels
 from runtime.recordings.sequence import open_sequence
 
 SHOWN = ("read", "input", "network", "postprocess", "history", "write", "scan")
@@ -151,7 +152,7 @@ def measure_head(config: str, folder: Path, threads: int, rounds: int) -> dict[s
     labels = folder / "labels" / f"{sequence.scans[index].stem}.label"
     share = None
     if labels.is_file():
-        moving = valid & (to_classes(read_labels(labels, len(points))) == 2)
+        moving = valid & (to_classes(read_labels(labels, len(points))) == MOVING)
         share = float(moving.mean())
         tasks["labelled movers"] = lambda: engine.refine(xyz, valid, features, moving)
     return {

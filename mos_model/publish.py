@@ -18,8 +18,8 @@ import typer
 from numpy.typing import NDArray
 
 from mos_model.data.dataset import Sample, SampleConfig, SimulatedStreets
-from mos_model.data.labels import MOVING, STATIC
 from mos_model.networks.checkpoint import Checkpoint, load, save
+from runtime.classes import MOVING, STATIC
 from runtime.commands.handler import run_alone
 from runtime.runner import CANDIDATE
 

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from runtime.bundle.manifest import POSTPROCESSES, Bundle, load_bundle
 from runtime.bundle.residual import HISTORY
+from runtime.classes import MOVING
 from runtime.compute.jit import is_cached
 from runtime.compute.sessions import provider_name
 from runtime.compute.workers import Workers
@@ -29,7 +30,7 @@ from runtime.image.image_net import ImageNet
 from runtime.image.inputs import ImageInput, InputBuilder
 from runtime.image.precision import choose_precision
 from runtime.image.projection import project_scan
-from runtime.image.vote import MOVING, knn_vote
+from runtime.image.vote import knn_vote
 from runtime.recordings.poses import check_pose
 from runtime.recordings.scans import as_scan
 

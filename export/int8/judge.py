@@ -15,6 +15,7 @@ from torch import nn
 from export.int8.network import Prepared, prepare
 from mos_model.data.dataset import SampleConfig, SimulatedStreets
 from runtime.bundle.residual import HISTORY, Residual
+from runtime.classes import MOVING, UNLABELLED
 from runtime.compute.sessions import open_session
 from runtime.compute.workers import Workers
 from runtime.doctor.check_scans import Samples, check_points, check_sensor
@@ -166,7 +167,7 @@ class Balance:
 
     def _probabilities(self, model: bytes) -> np.ndarray:
         run = session(model, self.threads)
-        found = np.concatenate([run(image)[2].ravel() for image in self.images])
+        found = np.concatenate([run(image)[MOVING].ravel() for image in self.images])
         return found.astype(np.float64).clip(LEAST, 1 - LEAST)
 
 
@@ -201,7 +202,7 @@ class Judge:
             got = run(scene.image)
             before.add(scene.labels, pixel_classes(want, self.threshold))
             after.add(scene.labels, pixel_classes(got, self.threshold))
-            differences.append(np.abs(got[2] - want[2])[scene.labels > 0].mean())
+            differences.append(np.abs(got[MOVING] - want[MOVING])[scene.labels != UNLABELLED].mean())
         return Loss(_percent(before.iou), _percent(after.iou), float(np.mean(differences)))
 
     @cached_property

@@ -17,7 +17,7 @@ from export.int8.equalise import equalise
 from export.int8.layout import means_to_pools, shuffle_blocks, spread_factors, spread_gates
 from export.int8.quantise import LARGEST, clipped, integer_values, last_convolutions, layers, quantised, roots
 from export.int8.shifts import carry_shifts, to_relu
-from mos_model.networks.network import CLASSES
+from runtime.classes import CLASSES
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Prepared:
         for node in graph.nodes:
             if node.output in last:
                 bias = bias_of(graph, node)
-                bias[-(len(bias) // CLASSES) :] += moving  # the channels of a class lie together
+                bias[-(len(bias) // len(CLASSES)) :] += moving  # the channels of a class lie together
                 set_bias(graph, node, bias)
         return to_model(integer_operations(graph)).SerializeToString(deterministic=True)
 

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mos_model.data.augment import NONE, Augmentation, augment
-from mos_model.data.labels import MOVING, label_classes
+from mos_model.data.labels import label_classes
 from runtime.bundle.residual import HISTORY, Residual
+from runtime.classes import CLASSES, MOVING, UNLABELLED
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
 from runtime.image.inputs import InputBuilder
@@ -94,7 +95,7 @@ def make_samples(
     made = augment(current.points, current.classes, scans, relative, config.augmentation, rng)
     builder = InputBuilder(config.sensor, config.residual, Workers(1))
     built = builder.build(made.points, made.past, made.relative)
-    labels = np.where(built.first < 0, np.uint8(0), made.labels[built.first])
+    labels = np.where(built.first < 0, np.uint8(UNLABELLED), made.labels[built.first])
     whole = Sample(built.image, labels, _NOWHERE, _NO_PIXEL, _NO_CLASS)
     if config.points:
         whole = Sample(built.image, labels, made.points[:, :3].copy(), built.pixel, made.labels)
@@ -166,9 +167,9 @@ def class_frequency(source: Source, samples: int) -> NDArray[np.float64]:
 
     Of points, where the samples have them, or else of pixels (empty ones count as unlabelled).
     """
-    counts = np.zeros(3, np.int64)
+    counts = np.zeros(len(CLASSES), np.int64)
     for number in range(-(-samples // source.group_size)):
         for sample in source.group(number):
             labels = sample.classes if len(sample.classes) else sample.labels
-            counts += np.bincount(labels.reshape(-1), minlength=3)
+            counts += np.bincount(labels.reshape(-1), minlength=len(CLASSES))
     return counts / max(1, counts.sum())

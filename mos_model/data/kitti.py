@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mos_model.data.dataset import Frame, Sample, SampleConfig, make_frame, make_samples
-from mos_model.data.labels import MOVING, label_classes
+from mos_model.data.labels import label_classes
 from runtime.bundle.residual import HISTORY
+from runtime.classes import MOVING, UNLABELLED
 from runtime.errors import MosError, SequenceError
 from runtime.recordings.labels import LABEL_BYTES, read_labels
 from runtime.recordings.poses import Poses
@@ -43,9 +44,9 @@ class Recording:
     poses: Poses  # (len(scans), 4, 4) float64 T_world_lidar
 
     def frame(self, index: int, labelled: bool = True) -> Frame:
-        """Scan `index` with its classes (all 0 if not `labelled`). Raises ScanError or SequenceError."""
+        """Scan `index` with its classes (all unlabelled if not `labelled`). Raises ScanError or SequenceError."""
         points = read_scan(self.scans[index])
-        classes = self.classes(index, len(points)) if labelled else np.zeros(len(points), np.uint8)
+        classes = self.classes(index, len(points)) if labelled else np.full(len(points), UNLABELLED, np.uint8)
         return make_frame(points, self.poses[index], classes)
 
     def classes(self, index: int, points: int | None = None) -> NDArray[np.uint8]:

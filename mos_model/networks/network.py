@@ -6,8 +6,7 @@ from torch import Tensor, nn
 
 from mos_model.networks.blocks import ContextBlock, MetaKernel, ResBlock, UpBlock, motion_guided_attention
 from mos_model.networks.config import ModelConfig
-
-CLASSES = 3  # unlabelled, static, moving
+from runtime.classes import CLASSES
 
 # Tensors of published dual-branch checkpoints that the published network never uses.
 UNUSED_PREFIXES = (
@@ -63,7 +62,7 @@ class LMNet(UNet):
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__(config.in_channels, config.channels, config.pooling)
-        self.logits = nn.Conv2d(config.channels, CLASSES, 1)
+        self.logits = nn.Conv2d(config.channels, len(CLASSES), 1)
 
     def forward(self, image: Tensor) -> ImageOutput:
         """image (B, 5 + L, H, W) float32, H and W multiples of 16."""
@@ -100,7 +99,7 @@ class DualBranchNet(UNet):
         }.items():
             setattr(self, f"conv1x1_{level}_spatial", nn.Conv2d(width, 1, 1))
             setattr(self, f"conv1x1_{level}_channel_wise", nn.Conv2d(width, width, 1))
-        self.logits3 = nn.Conv2d(c, CLASSES, 1)
+        self.logits3 = nn.Conv2d(c, len(CLASSES), 1)
 
     def forward(self, image: Tensor) -> ImageOutput:
         """image (B, 5 + L, H, W) float32, H and W multiples of 16."""

@@ -13,9 +13,8 @@ from torch.nn import functional as F
 from mos_model.networks.sparse import SparseConv, points_to_voxels, voxels_to_points
 from mos_model.networks.voxels import Level, VoxelGrid
 from runtime.bundle.head_shape import PointHeadConfig
+from runtime.classes import CLASSES
 from runtime.errors import ScanError
-
-CLASSES = 3  # unlabelled, static, moving
 
 
 class RowNorm(nn.BatchNorm1d):
@@ -77,7 +76,7 @@ class PointHead(nn.Module):
         self.point_transforms = nn.ModuleList(
             nn.Sequential(nn.Linear(i, o), RowNorm(o), nn.ReLU()) for i, o in pairwise(widths)
         )
-        self.classifier = nn.Sequential(nn.Linear(config.up[-1], CLASSES))
+        self.classifier = nn.Sequential(nn.Linear(config.up[-1], len(CLASSES)))
         self.dropout = nn.Dropout(config.dropout)
 
     def grid(self, xyz: Tensor, batch: Tensor | None = None) -> VoxelGrid:

@@ -12,7 +12,8 @@ import torch
 from torch import Tensor, nn
 
 from mos_model.networks.config import ModelConfig
-from mos_model.networks.network import CLASSES, ImageOutput
+from mos_model.networks.network import ImageOutput
+from runtime.classes import CLASSES
 
 WIDTHS = (16, 32, 64, 128)  # channels at 1/1, 1/2, 1/4 and 1/8 of the height
 CLIP = 1.0  # residuals beyond +-CLIP say no more than CLIP
@@ -84,15 +85,15 @@ class RealtimeNet(nn.Module):
         self.middle = Residual3x3(widths[-1])
         self.up = nn.ModuleList(Up(o, i) for i, o in reversed(pairs))
         self.features = nn.Conv2d(first, features, 1)
-        self.logits = nn.Conv2d(features, 2 * CLASSES, 1)
+        self.logits = nn.Conv2d(features, 2 * len(CLASSES), 1)
 
     def forward(self, image: Tensor) -> ImageOutput:
         """image (B, 5 + L, H, W) float32, H and W multiples of 16."""
         x = torch.relu(self.features(self.decode(image)))  # (B, f, H, W/2)
         pairs = self.logits(x)  # (B, 6, H, W/2): each class at the even and at the odd column
         batch, _, height, width = pairs.shape
-        pairs = pairs.view(batch, CLASSES, 2, height, width).permute(0, 1, 3, 4, 2)  # (B, 3, H, W/2, 2)
-        return ImageOutput(pairs.reshape(batch, CLASSES, height, 2 * width), x)
+        pairs = pairs.view(batch, len(CLASSES), 2, height, width).permute(0, 1, 3, 4, 2)  # (B, 3, H, W/2, 2)
+        return ImageOutput(pairs.reshape(batch, len(CLASSES), height, 2 * width), x)
 
     def decode(self, image: Tensor) -> Tensor:
         """From the image to the decoder's last map (B, w0, H, W/2)."""

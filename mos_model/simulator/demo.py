@@ -8,15 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from runtime.bundle.residual import HISTORY
+from runtime.classes import MOVING, to_classes
 from runtime.compute.compiling import compiling
 from runtime.errors import MissingPackageError, OutputError
-from runtime.evaluation.confusion import MOVING, Confusion
+from runtime.evaluation.confusion import Confusion
 from runtime.evaluation.evaluate import evaluate
 from runtime.evaluation.layout import pair
 from runtime.files import write_whole
 from runtime.pictures import Stored, System, snapshots, write_picture
 from runtime.predict import Summary, predict
-from runtime.recordings.labels import read_labels, to_classes
+from runtime.recordings.labels import read_labels
 from runtime.recordings.sequence import Sequence, open_sequence
 from runtime.runner import MosRunner
 

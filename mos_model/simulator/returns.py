@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from runtime.classes import MOVING_LABEL
 from runtime.compute.jit import fast_kernel, inlined
 
 
@@ -27,6 +28,11 @@ def _normal(state):
     m = np.uint64(0xFFFF)
     total = (s & m) + ((s >> np.uint64(16)) & m) + ((s >> np.uint64(32)) & m) + (s >> np.uint64(48))
     return np.int64(total) * (1.7320508 / 65535.0) - 3.4641016
+
+
+@inlined
+def _moves(label):
+    return (label & np.uint32(0xFFFF)) >= np.uint32(MOVING_LABEL)
 
 
 @fast_kernel
@@ -91,7 +97,7 @@ def report(
                         if u < mix:
                             t += gap * _uniform(state)
                             second = label[int(prims[j, 15])] if j >= 0 else ground_label[-2 - j]
-                            if ((who & np.uint32(0xFFFF)) > 250) != ((second & np.uint32(0xFFFF)) > 250):
+                            if _moves(who) != _moves(second):
                                 who = np.uint32(0)
                         elif u < mix + 0.05:
                             continue

@@ -12,14 +12,15 @@ from mos_model.simulator.drive import Drive
 from mos_model.simulator.motion import Path, Speed, draw_speed
 from mos_model.simulator.roads import turning_path
 from mos_model.simulator.world import World
+from runtime.classes import KINDS
 
 MOST = 48  # tracks in a sequence
 
 Draw = Callable[[Random], tuple[shapes.Shape, float, float]]
 
 # Label while standing and while moving (SemanticKITTI).
-CAR, TRUCK, BUS = (10, 252), (18, 258), (13, 257)
-CYCLIST, MOTORCYCLE, PERSON = (31, 253), (32, 255), (30, 254)
+CAR, TRUCK, BUS = KINDS["car"], KINDS["truck"], KINDS["bus"]
+CYCLIST, MOTORCYCLE, PERSON = KINDS["bicyclist"], KINDS["motorcyclist"], KINDS["person"]
 VEHICLES: tuple[tuple[Draw, tuple[int, int], float], ...] = (
     (vehicles.car, CAR, 70),
     (vehicles.van, CAR, 12),

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mos_model.simulator.sequence import Simulation, simulate
+from runtime.classes import MOVING, to_classes
 from runtime.errors import OutputError, SettingError
 from runtime.sensors.registry import find_sensor
 from runtime.sensors.sensor import Sensor
@@ -96,7 +97,7 @@ def _write_sequence(folder: Path, drive: Simulation, report: Callable[[int], Non
         frame.points.astype("<f4", copy=False).tofile(folder / "velodyne" / f"{k:06d}.bin")
         frame.labels.astype("<u4", copy=False).tofile(folder / "labels" / f"{k:06d}.label")
         points += len(frame.points)
-        moving += int(((frame.labels & 0xFFFF) > 250).sum())
+        moving += int((to_classes(frame.labels) == MOVING).sum())
         report(k + 1)
     camera = CAMERA_FROM_LIDAR
     start, back = np.linalg.inv(drive.poses[0]), np.linalg.inv(camera)

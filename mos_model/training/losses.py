@@ -8,9 +8,10 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
+from runtime.classes import UNLABELLED
 from runtime.errors import SettingError
 
-IGNORED = 0  # class that no loss looks at
+IGNORED = UNLABELLED  # class that no loss looks at
 
 
 class Loss(NamedTuple):

@@ -14,6 +14,7 @@ from mos_model.networks import checkpoint
 from mos_model.networks.config import ModelConfig
 from mos_model.networks.network import build_image_network, build_point_head
 from mos_model.training.losses import Loss, segmentation_loss
+from runtime.classes import MOVING, STATIC
 from runtime.errors import SettingError
 
 
@@ -22,7 +23,7 @@ class Scored(NamedTuple):
 
     loss: Loss
     labels: Tensor  # classes, any shape
-    predicted: Tensor  # classes 1 or 2, of the same shape
+    predicted: Tensor  # static or moving, of the same shape
 
 
 class Task(ABC):
@@ -46,8 +47,10 @@ class Task(ABC):
     def score(self, trained: nn.Module, batch: list[Sample]) -> Scored:
         """Loss and predictions of a batch."""
         logits, labels = self.forward(trained, batch)
-        moving = logits.detach()[:, 2] > logits.detach()[:, 1]
-        return Scored(segmentation_loss(logits, labels, self.weights), labels, 1 + moving.to(torch.uint8))
+        moving = logits.detach()[:, MOVING] > logits.detach()[:, STATIC]
+        return Scored(
+            segmentation_loss(logits, labels, self.weights), labels, torch.where(moving, MOVING, STATIC).to(torch.uint8)
+        )
 
     def to_device(self, arrays: list[np.ndarray]) -> Tensor:
         """One tensor (B, ...) of equal arrays."""

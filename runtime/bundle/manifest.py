@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.bundle.residual import Residual
+from runtime.classes import CLASSES
 from runtime.errors import BundleError, MosError
 from runtime.sensors.range_image import RangeImage
 
@@ -30,7 +31,6 @@ NETWORK_FILES = {  # and the precisions that they come in
     POINT_HEAD_ONNX: ("float32", "float16"),
 }
 POSTPROCESSES = ("none", "knn", "head")
-CLASSES = ("unlabelled", "static", "moving")
 DEFAULT_BUNDLE = "rt"
 
 T = TypeVar("T")

@@ -1,26 +1,10 @@
-"""What the benchmark SemanticKITTI-MOS lays down: its labels and its hidden test sequences.
-
-Source: its public evaluation (PRBonn/semantic-kitti-api, semantic-kitti-mos.yaml). Of points with the true label 0 or 1
-nothing is scored; 251 to 259 are moving, all other labels static; what a tool left unlabelled counts as not moving.
-"""
+"""What the benchmark SemanticKITTI-MOS lays down: which labels it knows, and its hidden test sequences."""
 
 import numpy as np
 import numpy.typing as npt
 
-MOVERS = {
-    251: "of no class",
-    252: "car",
-    253: "bicyclist",
-    254: "person",
-    255: "motorcyclist",
-    256: "on rails",
-    257: "bus",
-    258: "truck",
-    259: "other vehicle",
-}
-OUTLIER = 1
-STANDING = (9, 10, 11, 13, 15, 16, 18, 20, 30, 31, 32, 40, 44, 48, 49, 50, 51, 52, 60, 70, 71, 72, 80, 81, 99)
-LABELS = (0, OUTLIER, *STANDING, *MOVERS)
+from runtime.classes import LABELS, MOVING_LABEL, OUTLIER, STATIC_LABEL, label_ids
+
 TEST_SCANS = {  # of the sequences without public labels, as KITTI odometry has them
     "11": 921,
     "12": 1061,
@@ -49,11 +33,11 @@ def check_truth(labels: npt.NDArray[np.uint32]) -> str | None:
 def check_prediction(labels: npt.NDArray[np.uint32]) -> str | None:
     """What is wrong with predicted labels, (N,) uint32; None: nothing."""
     unknown = _unknown(labels, _PREDICTED)
-    return f"{unknown}; write 251 for moving and 9 for static points" if unknown else None
+    return f"{unknown}; write {MOVING_LABEL} for moving and {STATIC_LABEL} for static points" if unknown else None
 
 
 def _unknown(labels: npt.NDArray[np.uint32], known: npt.NDArray[np.bool_]) -> str | None:
-    semantic = labels & 0xFFFF  # the upper bits tell objects apart
+    semantic = label_ids(labels)
     wrong = ~known[semantic]
     if not wrong.any():
         return None

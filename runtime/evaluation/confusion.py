@@ -5,21 +5,22 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-CLASSES = ("unlabelled", "static", "moving")
-MOVING = 2
+from runtime.classes import CLASSES, MOVING, STATIC
+
+WIDTH = len(CLASSES)
 
 
 @dataclass
 class Confusion:
     """Counts over all pixels or points added; unlabelled ones (true class 0) are left out of every score."""
 
-    matrix: NDArray[np.int64] = field(default_factory=lambda: np.zeros((3, 3), np.int64))  # [true, predicted]
+    matrix: NDArray[np.int64] = field(default_factory=lambda: np.zeros((WIDTH, WIDTH), np.int64))  # [true, predicted]
 
     def add(self, labels: ArrayLike, predicted: ArrayLike) -> None:
         """Count pixels or points: true and predicted classes 0..2, arrays of one shape."""
         true = np.asarray(labels).reshape(-1).astype(np.int64)
         guess = np.asarray(predicted).reshape(-1).astype(np.int64)
-        self.matrix += np.bincount(true * 3 + guess, minlength=9).reshape(3, 3)
+        self.matrix += np.bincount(true * WIDTH + guess, minlength=WIDTH**2).reshape(WIDTH, WIDTH)
 
     @property
     def iou(self) -> float:
@@ -42,9 +43,8 @@ class Confusion:
     @property
     def movers(self) -> tuple[int, int, int]:
         """Counts of the moving class: found ones, missed ones, false alarms."""
-        m = self.matrix[1:]
-        hit = int(m[-1, MOVING])
-        return hit, int(m[-1].sum()) - hit, int(m[:, MOVING].sum()) - hit
+        hit = int(self.matrix[MOVING, MOVING])
+        return hit, int(self.matrix[MOVING].sum()) - hit, int(self.matrix[STATIC:, MOVING].sum()) - hit
 
 
 def _ratio(part: int, whole: int) -> float:

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from runtime.classes import CLASSES, LABELS, MOVING, label_ids, to_classes
 from runtime.errors import MosError, SequenceError
-from runtime.evaluation.benchmark import LABELS, check_prediction, check_truth
-from runtime.evaluation.confusion import CLASSES, MOVING, Confusion
+from runtime.evaluation.benchmark import check_prediction, check_truth
+from runtime.evaluation.confusion import Confusion
 from runtime.evaluation.layout import Frame, raise_all
-from runtime.recordings.labels import read_labels, to_classes
+from runtime.recordings.labels import read_labels
 from runtime.recordings.scans import Scan, read_scan
 
 STEP = 10.0  # m, width of a range bin
@@ -30,7 +31,7 @@ class Counts:
     def add(self, truth: npt.NDArray[np.uint32], predicted: npt.NDArray[np.uint32], scan: Scan | None = None) -> None:
         """Count a frame: raw labels of the benchmark, (N,) each; scan (N, 4) m for the ranges."""
         where = np.full(len(truth), UNKNOWN) if scan is None else range_bins(scan)
-        cell = (where * WIDTH + (truth & 0xFFFF)) * len(CLASSES) + to_classes(predicted)
+        cell = (where * WIDTH + label_ids(truth)) * len(CLASSES) + to_classes(predicted)
         self.points += np.bincount(cell, minlength=self.points.size).reshape(self.points.shape)
         self.frames += 1
 

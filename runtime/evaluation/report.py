@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from runtime import __version__
+from runtime.classes import MOVERS
 from runtime.doctor.findings import some
-from runtime.evaluation.benchmark import MOVERS
 from runtime.evaluation.confusion import Confusion
 from runtime.evaluation.evaluate import BINS, UNKNOWN, Counts, evaluate
 from runtime.evaluation.layout import Frame, Frames

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.classes import MOVING, STATIC, UNLABELLED
 from runtime.compute.jit import inlined, kernel
-from runtime.image.vote import MOVING, STATIC
 
 _MOST_LIKELY = np.float32(-1)  # stands for a threshold that is None
 
@@ -58,13 +58,13 @@ def _take(probabilities, pixel, threshold, moving, probability):  # type: ignore
         if at < 0:
             moving[i], probability[i] = False, np.float32(0)
         else:
-            probability[i] = probabilities[2, at]
-            moving[i] = _moves(probabilities[0, at], probabilities[1, at], probabilities[2, at], threshold)
+            probability[i] = probabilities[MOVING, at]
+            moving[i] = _moves(probabilities[UNLABELLED, at], probabilities[STATIC, at], probability[i], threshold)
 
 
 @kernel
 def _take_refined(refined, threshold, moving, probability):  # type: ignore[no-untyped-def]
     for i in range(refined.shape[0]):
-        if not np.isnan(refined[i, 2]):
-            probability[i] = refined[i, 2]
-            moving[i] = _moves(refined[i, 0], refined[i, 1], refined[i, 2], threshold)
+        if not np.isnan(refined[i, MOVING]):
+            probability[i] = refined[i, MOVING]
+            moving[i] = _moves(refined[i, UNLABELLED], refined[i, STATIC], refined[i, MOVING], threshold)

@@ -3,10 +3,9 @@
 import numpy as np
 import numpy.typing as npt
 
+from runtime.classes import MOVING, STATIC, UNLABELLED
 from runtime.compute.jit import kernel
 from runtime.compute.workers import Workers
-
-UNLABELLED, STATIC, MOVING = 0, 1, 2
 
 WINDOW = 5  # pixels, side of the window around the point's pixel
 NEIGHBOURS = 5  # cells that may vote

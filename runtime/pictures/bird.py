@@ -6,7 +6,7 @@ from PIL import Image, ImageDraw
 
 from runtime.pictures.raster import SAMPLES, packed, stamp, to_canvas, to_image
 from runtime.pictures.text import write
-from runtime.pictures.verdict import BACKGROUND, CAR_PAINT, COLOURS, INK, STATIC, Kinds
+from runtime.pictures.verdict import BACKGROUND, CAR_PAINT, COLOURS, INK, STILL, Kinds
 from runtime.recordings.scans import Scan
 
 RING_STEP = 10  # m
@@ -35,7 +35,7 @@ def draw_bird(points: Scan, kinds: Kinds, size: tuple[int, int], reach: float) -
     order = np.argsort(points[:, 2])  # what is higher hides what is below
     for kind, colour in COLOURS.items():
         chosen = order[kinds[order] == kind]
-        plain = kind <= STATIC
+        plain = kind <= STILL
         shade = light[chosen, None] if plain else np.ones((len(chosen), 1))
         stamp(canvas, column[chosen], row[chosen], packed(shade * colour), PLAIN if plain else MARKED)
     picture = to_image(canvas)

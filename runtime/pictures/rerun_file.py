@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from runtime.errors import MosError, OutputError
 from runtime.files import replacing
 from runtime.pictures.snapshot import Snapshot
-from runtime.pictures.verdict import BACKGROUND, CAR_PAINT, COLOURS, STATIC, verdict
+from runtime.pictures.verdict import BACKGROUND, CAR_PAINT, COLOURS, STILL, verdict
 
 TIMELINE = "scan"
 PATH, LIDAR = "world/path", "world/lidar"  # LIDAR is where the sensor is; what it saw lies below
 CAR = (2.1, 0.9, 0.7)  # m, half the length, width and height of the car
 TABLE = np.array([COLOURS[kind] for kind in sorted(COLOURS)], np.uint8)  # by kind
-SIZES = np.where(np.arange(len(COLOURS)) > STATIC, 3.0, 1.5)  # of points, by kind, in pixels of the screen
+SIZES = np.where(np.arange(len(COLOURS)) > STILL, 3.0, 1.5)  # of points, by kind, in pixels of the screen
 
 
 def record(path: Path, shown: Iterable[Snapshot]) -> int:

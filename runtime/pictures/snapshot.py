@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.classes import MOVING, STATIC, to_classes
 from runtime.errors import SequenceError
-from runtime.evaluation.confusion import MOVING, Confusion
+from runtime.evaluation.confusion import Confusion
 from runtime.evaluation.layout import by_stem, find_labels
-from runtime.recordings.labels import read_labels, to_classes
+from runtime.recordings.labels import read_labels
 from runtime.recordings.poses import Pose
 from runtime.recordings.scans import Scan
 
@@ -37,7 +38,7 @@ class Snapshot:
         if self.classes is None:
             return None
         confusion = Confusion()
-        confusion.add(self.classes, np.where(self.moving[system], MOVING, 1))
+        confusion.add(self.classes, np.where(self.moving[system], MOVING, STATIC))
         return confusion.iou
 
 

@@ -6,7 +6,7 @@ from PIL import Image, ImageDraw
 
 from runtime.pictures.raster import SAMPLES, packed, stamp, to_canvas, to_image
 from runtime.pictures.text import write
-from runtime.pictures.verdict import BACKGROUND, COLOURS, INK, STATIC, Kinds
+from runtime.pictures.verdict import BACKGROUND, COLOURS, INK, STILL, Kinds
 from runtime.recordings.scans import Scan
 
 COLUMNS, ROWS = 2048, 64  # of an HDL-64E: what one point covers
@@ -37,7 +37,7 @@ def draw_strip(points: Scan, kinds: Kinds, size: tuple[int, int]) -> Image.Image
         row = (top + margin - elevation[order]) / (top - bottom + 2 * margin) * height
         column = (0.5 - azimuth[order] / 360) * width
         light = np.interp(np.log(distance[order]), np.log((NEAR, FAR)), (1.0, 0.25))
-        light = np.where(kinds[order] > STATIC, 1.0, light)
+        light = np.where(kinds[order] > STILL, 1.0, light)
         colours = np.array([COLOURS[kind] for kind in sorted(COLOURS)])[kinds[order]]
         stamp(canvas, column, row, packed(light[:, None] * colours), -(-width // COLUMNS) + 1, -(-height // ROWS) + 1)
     picture = to_image(canvas).reduce(SAMPLES)

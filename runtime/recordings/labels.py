@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from runtime.classes import MOVING_LABEL, STATIC_LABEL
 from runtime.errors import SequenceError
 from runtime.files import write_whole
 
-STATIC, MOVING = 9, 251  # what is written for the two classes
 LABEL_BYTES = 4  # of one point
 
 
@@ -25,15 +25,6 @@ def read_labels(path: str | Path, points: int | None = None) -> npt.NDArray[np.u
     return np.frombuffer(data, "<u4").astype(np.uint32)
 
 
-def to_classes(labels: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint8]:
-    """Raw labels to the classes of the network, uint8: 0 unlabelled, 1 static, 2 moving (251 to 259)."""
-    semantic = labels & 0xFFFF
-    classes = np.ones(labels.shape, np.uint8)
-    classes[semantic <= 1] = 0
-    classes[(semantic >= 251) & (semantic <= 259)] = 2
-    return classes
-
-
 def write_labels(path: str | Path, moving: npt.NDArray[np.bool_]) -> None:
     """Write 251 for moving points and 9 for all others; the file is whole or absent. Raises OutputError."""
-    write_whole(Path(path), np.where(moving, MOVING, STATIC).astype("<u4").tobytes())
+    write_whole(Path(path), np.where(moving, MOVING_LABEL, STATIC_LABEL).astype("<u4").tobytes())

@@ -7,10 +7,11 @@ import pytest
 
 from mos_model.commands import demo, simulate
 from mos_model.simulator.demo import run_demo
+from runtime.classes import to_classes
 from runtime.commands.handler import run_alone
 from runtime.errors import OutputError
 from runtime.evaluation.confusion import Confusion
-from runtime.recordings.labels import read_labels, to_classes
+from runtime.recordings.labels import read_labels
 from tests.support.paths import BUNDLE
 
 

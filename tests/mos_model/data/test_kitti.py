@@ -5,9 +5,9 @@ import pytest
 
 from mos_model.data import kitti
 from mos_model.data.dataset import SampleConfig
-from mos_model.data.labels import KNOWN, label_classes
+from mos_model.data.labels import label_classes
+from runtime.classes import LABELS, to_classes
 from runtime.errors import SequenceError
-from runtime.recordings.labels import to_classes
 from tests.support.paths import KITTI
 from tests.support.training import SENSOR, write_recording
 
@@ -106,7 +106,7 @@ def test_labels_outside_the_map(root):
 
 
 def test_label_map():
-    labels = np.array(KNOWN, np.uint32) | np.uint32(3 << 16)
+    labels = np.array(LABELS, np.uint32) | np.uint32(3 << 16)
     assert np.array_equal(label_classes(labels), to_classes(labels))
     assert label_classes(np.array([0, 1, 9, 40, 251, 252, 259], np.uint32)).tolist() == [0, 0, 1, 1, 2, 2, 2]
     for unknown in (2, 100, 250, 260, 65535):
@@ -116,7 +116,7 @@ def test_label_map():
 
 @pytest.mark.skipif(not KITTI.is_dir(), reason="needs the KITTI excerpt of ../shared/data")
 def test_real_recording():
-    (recording,) = kitti.open_recordings(KITTI, ["90"])
+    (recording,) = kitti.open_recordings(KITTI.parent, ["90"])
     assert len(recording.scans) == 60
     (sample,) = kitti.validation_frames(SampleConfig(), [recording]).group(20)
     assert sample.image.shape == (13, 64, 2048)

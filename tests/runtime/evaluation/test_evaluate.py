@@ -7,9 +7,9 @@ import shutil
 import numpy as np
 import pytest
 
+from runtime.classes import LABELS, MOVERS
 from runtime.commands.main import main
 from runtime.errors import SequenceError
-from runtime.evaluation.benchmark import LABELS, MOVERS
 from runtime.evaluation.evaluate import BINS, Counts, range_bins
 from runtime.evaluation.layout import pair
 from runtime.evaluation.report import score

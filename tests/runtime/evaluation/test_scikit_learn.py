@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import confusion_matrix, jaccard_score, precision_score, recall_score
 
-from runtime.evaluation.benchmark import LABELS, MOVERS, OUTLIER
+from runtime.classes import LABELS, MOVERS, OUTLIER
 from runtime.evaluation.layout import pair
 from runtime.evaluation.report import score
 from tests.support.dataset import write_labels, write_scans

@@ -6,7 +6,7 @@ from runtime.pictures import Snapshot
 from runtime.pictures.bird import draw_bird, pixels_of
 from runtime.pictures.sheet import BIRD, CAPTION, GAP, HEAD, NARROW, STRIP, WIDTH, draw_sheet
 from runtime.pictures.strip import draw_strip
-from runtime.pictures.verdict import BACKGROUND, CAR_PAINT, COLOURS, FALSE_ALARM, FOUND, MISSED, STATIC
+from runtime.pictures.verdict import BACKGROUND, CAR_PAINT, COLOURS, FALSE_ALARM, FOUND, MISSED, STILL
 
 SIZE, REACH = (400, 200), 20.0  # 10 pixels a metre
 
@@ -35,7 +35,7 @@ def snapshot(systems=("a",), labelled=True):
 def test_a_mover_is_seen_at_its_place_from_above(place, pixel, kind):
     """Forward is right, left is up; full colour among static points that lie higher."""
     points = np.concatenate([ground(), [[*place, -1, 0.5]]]).astype(np.float32)
-    kinds = np.append(np.full(len(points) - 1, STATIC), kind).astype(np.uint8)
+    kinds = np.append(np.full(len(points) - 1, STILL), kind).astype(np.uint8)
     points[:-1, 2] = 3
     picture = np.asarray(draw_bird(points, kinds, SIZE, REACH))
     assert picture.shape == (200, 400, 3)
@@ -70,7 +70,7 @@ def test_a_mover_is_seen_in_its_direction(azimuth, elevation, pixel):
     points = np.column_stack(
         [flat * np.cos(angles[:, 0]), flat * np.sin(angles[:, 0]), np.sin(angles[:, 1]) * distance, flat * 0]
     ).astype(np.float32)[::-1]
-    kinds = np.where(np.arange(20000) < 300, FOUND, STATIC).astype(np.uint8)
+    kinds = np.where(np.arange(20000) < 300, FOUND, STILL).astype(np.uint8)
     picture = draw_strip(points, kinds, (400, 64))
     assert picture.size == (400, 64)
     assert picture.getpixel((pixel[0], round(64 * pixel[1]))) == COLOURS[FOUND]
@@ -120,7 +120,7 @@ def test_the_legend_shows_only_what_there_is():
         return (np.asarray(picture)[:HEAD] == COLOURS[kind]).all(2).any()
 
     full, plain = draw_sheet(snapshot()), draw_sheet(snapshot(labelled=False))
-    assert all(in_head(full, kind) for kind in (FOUND, MISSED, FALSE_ALARM, STATIC))
+    assert all(in_head(full, kind) for kind in (FOUND, MISSED, FALSE_ALARM, STILL))
     assert in_head(plain, FOUND)
     assert not in_head(plain, MISSED)
     assert not in_head(plain, FALSE_ALARM)

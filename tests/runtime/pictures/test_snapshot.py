@@ -10,7 +10,7 @@ from runtime.commands.main import main
 from runtime.errors import MissingPackageError, MosError, SequenceError, SettingError
 from runtime.pictures import Live, Stored, check_output, snapshots, write_picture
 from runtime.pictures.command import check_viewer, choose_scans
-from runtime.pictures.verdict import FALSE_ALARM, FOUND, MISSED, STATIC, UNLABELLED, legend, verdict
+from runtime.pictures.verdict import FALSE_ALARM, FOUND, MISSED, STILL, UNSCORED, legend, verdict
 from runtime.recordings.labels import write_labels
 from runtime.recordings.sequence import open_sequence
 from tests.support import street
@@ -57,13 +57,13 @@ class CountingRunner:
 def test_verdict_of_every_case():
     classes = np.array([0, 0, 1, 1, 2, 2], np.uint8)
     moving = np.array([0, 1, 0, 1, 0, 1], bool)
-    want = [UNLABELLED, UNLABELLED, STATIC, FALSE_ALARM, MISSED, FOUND]
+    want = [UNSCORED, UNSCORED, STILL, FALSE_ALARM, MISSED, FOUND]
     assert verdict(moving, classes).tolist() == want
-    assert verdict(moving, None).tolist() == [STATIC, FOUND] * 3
-    assert verdict(None, classes).tolist() == [UNLABELLED, UNLABELLED, STATIC, STATIC, FOUND, FOUND]
+    assert verdict(moving, None).tolist() == [STILL, FOUND] * 3
+    assert verdict(None, classes).tolist() == [UNSCORED, UNSCORED, STILL, STILL, FOUND, FOUND]
     with pytest.raises(ValueError, match="nothing to show"):
         verdict(None, None)
-    assert {kind for kind, _ in legend(True, True)} == {FOUND, MISSED, FALSE_ALARM, STATIC}
+    assert {kind for kind, _ in legend(True, True)} == {FOUND, MISSED, FALSE_ALARM, STILL}
     assert [text for _, text in legend(True, False)] == ["moving", "static"]
 
 

@@ -8,11 +8,12 @@ import pytest
 from PIL import Image
 
 from mos_model.simulator.demo import run_demo
+from runtime.classes import to_classes
 from runtime.commands.main import main
 from runtime.errors import InferenceError, SequenceError
 from runtime.pictures import write_picture
 from runtime.pictures.verdict import COLOURS, FALSE_ALARM, FOUND, MISSED
-from runtime.recordings.labels import read_labels, to_classes, write_labels
+from runtime.recordings.labels import read_labels, write_labels
 from tests.support import street
 from tests.support.paths import TINY
 

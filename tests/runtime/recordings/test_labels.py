@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from runtime.errors import OutputError, SequenceError
-from runtime.recordings.labels import read_labels, to_classes, write_labels
+from runtime.recordings.labels import read_labels, write_labels
 
 
 def test_written_labels_are_semantickitti(tmp_path):
@@ -13,11 +13,6 @@ def test_written_labels_are_semantickitti(tmp_path):
     assert path.read_bytes() == np.array([251, 9, 251], "<u4").tobytes()
     np.testing.assert_array_equal(read_labels(path, 3), [251, 9, 251])
     assert os.listdir(path.parent) == ["000000.label"]
-
-
-def test_classes_come_from_the_lower_bits():
-    raw = np.array([0, 1, 2, 9, 40, 99, 250, 251, 259, 260, 7 << 16, 7 << 16 | 252], np.uint32)
-    np.testing.assert_array_equal(to_classes(raw), [0, 0, 1, 1, 1, 1, 1, 2, 2, 1, 0, 2])
 
 
 def test_empty_scan(tmp_path):
