@@ -2,7 +2,6 @@
 
 import logging
 import math
-import os
 import threading
 import warnings
 from collections.abc import Mapping, Sequence
@@ -18,6 +17,7 @@ from runtime.bundle.manifest import POSTPROCESSES, Bundle, load_bundle
 from runtime.bundle.residual import HISTORY
 from runtime.classes import MOVING
 from runtime.compute.jit import is_cached
+from runtime.compute.quota import available_processors
 from runtime.compute.sessions import provider_name
 from runtime.compute.workers import Workers
 from runtime.errors import MosWarning, SettingError
@@ -90,7 +90,7 @@ class MosRunner:
         self.bundle: Bundle = load_bundle(bundle)
         manifest = self.bundle.manifest
         if threads is None:
-            threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+            threads = available_processors()
         self.workers = Workers(threads)
         self.postprocess: str = manifest.postprocess if postprocess is None else postprocess
         if self.postprocess not in POSTPROCESSES:
