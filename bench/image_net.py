@@ -12,7 +12,7 @@ import typer
 from bench.report import interleaved, save, show, summary
 from export.convert import Outputs, onnx_bytes
 from export.int8.judge import CALIBRATION_STREETS, simulated
-from export.int8.network import prepare
+from export.int8.prepare import prepare
 from mos_model.networks.config import named_config
 from mos_model.networks.network import build_image_network
 from runtime.image.image_net import ImageNet

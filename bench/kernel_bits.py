@@ -9,7 +9,7 @@ from bench.report import save, show
 from export.convert import Outputs, onnx_bytes
 from export.graph.graph import to_model
 from export.int8.judge import CALIBRATION_STREETS, JUDGING_STREETS, Judge, simulated
-from export.int8.network import prepare
+from export.int8.prepare import prepare
 from mos_model.networks.checkpoint import load
 
 LARGEST = {"7 bits": 64, "8 bits": 127}  # of a kernel's integers

@@ -19,7 +19,7 @@ from export.bundle.write import (
 )
 from export.checkpoint.published import Source, understand
 from export.checkpoint.reader import read_tensors
-from export.graph.blocked import with_blocked_forms
+from export.graph.blocked_forms import with_blocked_forms
 from export.graph.graph import to_model
 from export.graph.head_graph import head_bytes
 from export.graph.rewrite import fold_norms, trim_kernels

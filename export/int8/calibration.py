@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from export.graph.graph import Graph, Node, to_model
-from export.int8.blocks import expand_soft_pool
+from export.int8.integer_forms import expand_soft_pool
 from export.int8.shifts import Halves, leaky_convolutions
 from runtime.compute.sessions import open_session
 

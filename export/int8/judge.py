@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from scipy.special import expit, logit
 from torch import nn
 
-from export.int8.network import Prepared, prepare
+from export.int8.prepare import Prepared, prepare
 from mos_model.data.dataset import SampleConfig, SimulatedStreets
 from runtime.bundle.residual import HISTORY, Residual
 from runtime.classes import MOVING, UNLABELLED

@@ -13,7 +13,7 @@ from export.bundle import parity
 from export.convert import Outputs, export_checkpoint
 from export.int8 import judge as int8
 from export.int8.judge import LARGEST_SHIFT, Balance, Judge, Loss, Scene, Settings, choose_floats, recorded
-from export.int8.network import prepare
+from export.int8.prepare import prepare
 from export.to_onnx import export
 from mos_model.networks.checkpoint import save
 from mos_model.simulator import simulate

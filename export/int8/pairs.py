@@ -11,7 +11,7 @@ import numpy as np
 
 from export.graph.graph import Graph, Node
 from export.graph.rewrite import bias_of, is_plain
-from export.int8.blocks import expand_soft_pool
+from export.int8.integer_forms import expand_soft_pool
 from export.int8.shifts import shift_of
 
 LARGEST = 64  # of a kernel's integers

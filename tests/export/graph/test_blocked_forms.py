@@ -5,8 +5,8 @@ import copy
 import pytest
 import torch
 
-from export.graph.blocked import BlockedMetaKernel, BlockedSoftPool, with_blocked_forms
-from export.int8.blocks import IntegerMetaKernel
+from export.graph.blocked_forms import BlockedMetaKernel, BlockedSoftPool, with_blocked_forms
+from export.int8.integer_forms import IntegerMetaKernel
 from mos_model.networks.blocks import MetaKernel, SoftPool
 from mos_model.networks.config import named_config
 from mos_model.networks.network import build_image_network

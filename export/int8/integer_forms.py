@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from export.graph.blocked import NEIGHBOURS, BlockedMetaKernel
+from export.graph.blocked_forms import NEIGHBOURS, BlockedMetaKernel
 from export.graph.emitters import emits
 from export.graph.graph import Graph
 from export.graph.tracing import Tracer
