@@ -14,7 +14,7 @@ import typer
 from torch import Tensor, nn
 
 from bench.report import interleaved, save, show, summary
-from export.convert import onnx_bytes
+from export.graph.image_graph import image_bytes
 from mos_model.networks.blocks import act
 from mos_model.networks.config import named_config
 from mos_model.networks.network import ImageOutput, build_image_network
@@ -134,7 +134,7 @@ def bench(
         for i, (name, variant) in enumerate(VARIANTS.items()):
             network, shape = build(*variant)
             path = Path(folder) / f"{i}.onnx"
-            path.write_bytes(onnx_bytes(network, shape))
+            path.write_bytes(image_bytes(network, shape))
             nets[name] = ImageNet(path, threads=threads)
     image = np.random.default_rng(0).normal(0, 0.5, shape[1:]).astype(np.float32)
     tasks = {name: (lambda net=net: net.run(image)) for name, net in nets.items()}

@@ -10,9 +10,9 @@ import torch
 import typer
 
 from bench.report import interleaved, save, show, summary
-from export.convert import Outputs, onnx_bytes
-from export.int8.judge import CALIBRATION_STREETS, simulated
+from export.graph.image_graph import Outputs, image_bytes
 from export.int8.prepare import prepare
+from export.int8.scenes import CALIBRATION_STREETS, simulated
 from mos_model.networks.config import named_config
 from mos_model.networks.network import build_image_network
 from runtime.image.image_net import ImageNet
@@ -35,7 +35,7 @@ def compare(
     images = [scene.image for scene in scenes]
     image = images[0][0] if int8 else np.random.default_rng(0).normal(0, 0.5, shape).astype(np.float32)
     tensor = torch.from_numpy(image[None])
-    model_bytes = onnx_bytes(network, (1, *shape))
+    model_bytes = image_bytes(network, (1, *shape))
     whole_bytes = prepare(Outputs(network), (1, *shape), images).model() if int8 else b""
     with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
         path = Path(folder) / "image_net.onnx"

@@ -6,10 +6,11 @@ from typing import Annotated
 import typer
 
 from bench.report import save, show
-from export.convert import Outputs, onnx_bytes
 from export.graph.graph import to_model
-from export.int8.judge import CALIBRATION_STREETS, JUDGING_STREETS, Judge, simulated
+from export.graph.image_graph import Outputs, image_bytes
+from export.int8.judge import Judge
 from export.int8.prepare import prepare
+from export.int8.scenes import CALIBRATION_STREETS, JUDGING_STREETS, simulated
 from mos_model.networks.checkpoint import load
 
 LARGEST = {"7 bits": 64, "8 bits": 127}  # of a kernel's integers
@@ -28,7 +29,7 @@ def bench(
     images = [scene.image for scene in simulated(config.sensor, config.residual, CALIBRATION_STREETS, streets)]
     prepared = prepare(Outputs(found.image_net).eval(), images[0].shape, images)
     scenes = simulated(config.sensor, config.residual, JUDGING_STREETS, judging)
-    float_model = onnx_bytes(found.image_net, images[0].shape)
+    float_model = image_bytes(found.image_net, images[0].shape)
     judge = Judge(float_model, scenes, found.training.get("threshold"), threads)
     rows = {}
     for name, largest in LARGEST.items():

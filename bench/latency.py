@@ -54,7 +54,7 @@ def random_bundle(config: str, precision: str, folder: Path) -> Path:
     import torch
 
     from export.convert import export_checkpoint
-    from export.int8.judge import Settings
+    from export.int8.quantise import Settings
     from mos_model.networks import checkpoint
     from mos_model.networks.config import named_config
     from mos_model.networks.network import build_image_network, build_point_head

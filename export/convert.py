@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
-from torch import Tensor, nn
 
 from export.bundle.parity import Parity, check_parity
 from export.bundle.write import (
@@ -19,12 +18,9 @@ from export.bundle.write import (
 )
 from export.checkpoint.published import Source, understand
 from export.checkpoint.reader import read_tensors
-from export.graph.blocked_forms import with_blocked_forms
-from export.graph.graph import to_model
 from export.graph.head_graph import head_bytes
-from export.graph.rewrite import fold_norms, trim_kernels
-from export.graph.tracing import trace
-from export.int8.judge import Settings, quantise
+from export.graph.image_graph import Outputs, image_bytes
+from export.int8.quantise import Settings, quantise
 from runtime.bundle.manifest import (
     IMAGE_NET,
     IMAGE_NET_INT8,
@@ -50,18 +46,6 @@ class Export:
     parity: Parity
 
 
-class Outputs(nn.Module):
-    """The image network with what a bundle gives: probabilities and features."""
-
-    def __init__(self, network: nn.Module) -> None:
-        super().__init__()
-        self.network = network
-
-    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        output = self.network(image)
-        return output.logits.softmax(1), output.features
-
-
 def export_checkpoint(
     checkpoint: Path,
     out: Path,
@@ -83,7 +67,7 @@ def export_checkpoint(
     trained: whether the weights are; None: what the checkpoint says.
     point_head_onnx: write the point head as an ONNX graph too, for execution providers on a GPU.
     precision: "int8" writes the image network in 8-bit integers too, beside the float one; None: if the bundle that is
-        at `out` has that. int8: how, see `export.int8.judge.quantise`, which raises QuantisationError, SequenceError or
+        at `out` has that. int8: how, see `export.int8.quantise`, which raises QuantisationError, SequenceError or
         ScanError.
 
     Raises CheckpointError, ParityError, SettingError, BundleError (`out` is something else) or OutputError.
@@ -119,18 +103,10 @@ def export_checkpoint(
     return Export(source, load_bundle(out), parity)
 
 
-def onnx_bytes(network: nn.Module, shape: tuple[int, ...]) -> bytes:
-    """The ONNX model of an image network for an image of `shape` (1, channels, H, W)."""
-    graph = trace(with_blocked_forms(Outputs(network)), shape)
-    fold_norms(graph)
-    trim_kernels(graph)
-    return to_model(graph).SerializeToString(deterministic=True)
-
-
 def _write_networks(folder: Path, source: Source, precision: str, point_head_onnx: bool) -> None:
     config = source.config
     shape = (1, config.in_channels, config.sensor.height, config.sensor.width)
-    (folder / IMAGE_NET).write_bytes(onnx_bytes(source.image_net, shape))
+    (folder / IMAGE_NET).write_bytes(image_bytes(source.image_net, shape))
     if source.point_head is not None and config.point_head is not None:
         half = precision == "float16"
         write_point_head(folder / POINT_HEAD, source.point_head, config.point_head, half)

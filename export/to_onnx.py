@@ -61,7 +61,7 @@ def export(
     """Turn a checkpoint, ours or a published one, into a bundle, and compare the two (extra 'export')."""
     need_extra("export", "torch", "onnx")
     from export.convert import export_checkpoint
-    from export.int8.judge import Settings
+    from export.int8.quantise import Settings
 
     if checkpoint is None:
         checkpoint, folder = default_checkpoint()

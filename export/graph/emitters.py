@@ -5,18 +5,15 @@ An emitter takes the tracer, the output's shape and the operation's arguments; i
 
 import sys
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from torch import Tensor
 
+from export.graph.tracing import Emitter, Tracer
 from runtime.errors import SettingError
 
-if TYPE_CHECKING:
-    from export.graph.tracing import Tracer
-
 Shape = tuple[int, ...]
-Emitter = Callable[..., str]
 EMITTERS: dict[str, Emitter] = {}  # by the name of the ATen operation
 
 
@@ -32,7 +29,7 @@ def emits(*ops: str) -> Callable[[Emitter], Emitter]:
 
 @emits("convolution")
 def convolution(
-    t: "Tracer",
+    t: Tracer,
     shape: Shape,
     x: Tensor,
     weight: Tensor,
@@ -59,7 +56,7 @@ def convolution(
 
 @emits("native_batch_norm")
 def batch_norm(
-    t: "Tracer",
+    t: Tracer,
     shape: Shape,
     x: Tensor,
     weight: Tensor,
@@ -80,7 +77,7 @@ def batch_norm(
 
 
 @emits("leaky_relu")
-def leaky_relu(t: "Tracer", shape: Shape, x: Tensor, slope: float = 0.01) -> str:
+def leaky_relu(t: Tracer, shape: Shape, x: Tensor, slope: float = 0.01) -> str:
     return t.graph.add("LeakyRelu", [t.name(x)], shape, alpha=slope)
 
 
@@ -92,13 +89,13 @@ def unary(op: str, *names: str) -> None:
 def binary(op: str, *names: str) -> None:
     """Register operations of two tensors, or of a tensor and a number."""
 
-    def emit(t: "Tracer", shape: Shape, a: Any, b: Any, alpha: float = 1) -> str:
+    def emit(t: Tracer, shape: Shape, a: Any, b: Any, alpha: float = 1) -> str:
         return t.graph.add(op, [operand(t, a), operand(t, b, alpha)], shape)
 
     emits(*names)(emit)
 
 
-def operand(t: "Tracer", value: Any, alpha: float = 1) -> str:
+def operand(t: Tracer, value: Any, alpha: float = 1) -> str:
     """The name of alpha * value, a tensor or a number."""
     if not isinstance(value, Tensor):
         return t.graph.weight("scalar", np.float32(value * alpha))
@@ -120,25 +117,25 @@ binary("Min", "minimum")
 
 
 @emits("rsub")
-def reversed_difference(t: "Tracer", shape: Shape, a: Tensor, b: Any, alpha: float = 1) -> str:
+def reversed_difference(t: Tracer, shape: Shape, a: Tensor, b: Any, alpha: float = 1) -> str:
     return t.graph.add("Sub", [operand(t, b), operand(t, a, alpha)], shape)
 
 
 @emits("clamp")
-def clamp(t: "Tracer", shape: Shape, x: Tensor, low: float | None = None, high: float | None = None) -> str:
+def clamp(t: Tracer, shape: Shape, x: Tensor, low: float | None = None, high: float | None = None) -> str:
     limits = [-np.inf if low is None else low, np.inf if high is None else high]
     names = [t.graph.weight("limit", np.asarray(value, np.float32)) for value in limits]
     return t.graph.add("Clip", [t.name(x), *names], shape)
 
 
 @emits("cat")
-def concatenate(t: "Tracer", shape: Shape, tensors: list[Tensor], axis: int = 0) -> str:
+def concatenate(t: Tracer, shape: Shape, tensors: list[Tensor], axis: int = 0) -> str:
     return t.graph.add("Concat", [t.name(x) for x in tensors], shape, axis=axis % len(shape))
 
 
 @emits("slice")
 def cut(
-    t: "Tracer",
+    t: Tracer,
     shape: Shape,
     x: Tensor,
     axis: int = 0,
@@ -154,7 +151,7 @@ def cut(
 
 
 @emits("constant_pad_nd")
-def pad(t: "Tracer", shape: Shape, x: Tensor, pads: list[int], value: float = 0.0) -> str:
+def pad(t: Tracer, shape: Shape, x: Tensor, pads: list[int], value: float = 0.0) -> str:
     """torch lists (before, after) from the last axis on; ONNX all befores, then all afters, from the first."""
     pairs = list(zip(pads[::2], pads[1::2], strict=True))[::-1]
     pairs = [(0, 0)] * (len(shape) - len(pairs)) + pairs
@@ -164,12 +161,12 @@ def pad(t: "Tracer", shape: Shape, x: Tensor, pads: list[int], value: float = 0.
 
 
 @emits("pixel_shuffle")
-def pixel_shuffle(t: "Tracer", shape: Shape, x: Tensor, factor: int) -> str:
+def pixel_shuffle(t: Tracer, shape: Shape, x: Tensor, factor: int) -> str:
     return t.graph.add("DepthToSpace", [t.name(x)], shape, blocksize=factor, mode="CRD")
 
 
 @emits("upsample_nearest2d")
-def nearest(t: "Tracer", shape: Shape, x: Tensor, size: list[int], *_: Any) -> str:
+def nearest(t: Tracer, shape: Shape, x: Tensor, size: list[int], *_: Any) -> str:
     """By whole factors, which ONNX Runtime does in its blocked layout."""
     factors = [n / m for n, m in zip(shape, x.shape, strict=True)]
     if any(factor % 1 for factor in factors):
@@ -185,22 +182,22 @@ def nearest(t: "Tracer", shape: Shape, x: Tensor, size: list[int], *_: Any) -> s
 
 
 @emits("view", "_unsafe_view", "reshape", "unsqueeze", "squeeze")
-def reshape(t: "Tracer", shape: Shape, x: Tensor, *_: Any) -> str:
+def reshape(t: Tracer, shape: Shape, x: Tensor, *_: Any) -> str:
     return t.graph.add("Reshape", [t.name(x), integers(t, list(shape))], shape)
 
 
 @emits("permute")
-def permute(t: "Tracer", shape: Shape, x: Tensor, order: list[int]) -> str:
+def permute(t: Tracer, shape: Shape, x: Tensor, order: list[int]) -> str:
     return t.graph.add("Transpose", [t.name(x)], shape, perm=list(order))
 
 
 @emits("mean")
-def mean(t: "Tracer", shape: Shape, x: Tensor, axes: list[int], keepdim: bool = False) -> str:
+def mean(t: Tracer, shape: Shape, x: Tensor, axes: list[int], keepdim: bool = False) -> str:
     return t.graph.add("ReduceMean", [t.name(x)], shape, axes=list(axes), keepdims=int(keepdim))
 
 
 @emits("_softmax")
-def softmax(t: "Tracer", shape: Shape, x: Tensor, axis: int, half_to_float: bool) -> str:
+def softmax(t: Tracer, shape: Shape, x: Tensor, axis: int, half_to_float: bool) -> str:
     """Over the channels of an image in single steps: ONNX Runtime's Softmax would transpose it there and back.
 
     Largest and sum of all channels from slices: ReduceMax and ReduceSum take twice as long.
@@ -220,7 +217,7 @@ def softmax(t: "Tracer", shape: Shape, x: Tensor, axis: int, half_to_float: bool
 
 @emits("avg_pool2d")
 def average_pool(
-    t: "Tracer",
+    t: Tracer,
     shape: Shape,
     x: Tensor,
     kernel: list[int],
@@ -243,5 +240,5 @@ def average_pool(
     )
 
 
-def integers(t: "Tracer", values: list[int]) -> str:
+def integers(t: Tracer, values: list[int]) -> str:
     return t.graph.weight("integers", np.asarray(values, np.int64))

@@ -3,57 +3,29 @@
 Everything that depends on weights alone is computed on the spot. Shapes are fixed.
 """
 
-import copy
-import importlib
-from collections.abc import Iterator
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.utils import _pytree
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from export.graph.emitters import EMITTERS
 from export.graph.graph import Graph
 from runtime.errors import SettingError
+
+Emitter = Callable[..., str]  # of the tracer, the output's shape and the operation's arguments: name of the output
 
 # Evaluation mode and fixed shapes leave these without effect.
 ALIASES = ("detach", "alias", "clone", "lift_fresh")
 
 
-def trace(network: nn.Module, shape: tuple[int, ...]) -> Graph:
-    """The graph of `network` (in evaluation mode) for an input "image" of `shape`.
-
-    `network` returns (probabilities, features), which become the outputs of these names. Raises SettingError on
-    an operation that has no emitter in this file.
-    """
-    importlib.import_module("export.graph.emitters")  # which registers them
-    shadow = copy.deepcopy(network).to("meta").eval()
-    real = dict(_tensors(network))
-    tracer = Tracer()
-    image = torch.empty(shape, device="meta")
-    tracer.graph.inputs.append(tracer.name(image, "image"))
-    for key, tensor in _tensors(shadow):
-        tracer.constants[id(tensor)] = (key, real[key].detach())
-    with torch.no_grad(), tracer:
-        outputs = shadow(image)
-    for tensor, name in zip(outputs, ("probabilities", "features"), strict=True):
-        tracer.rename(tensor, name)
-    tracer.graph.sweep()
-    return tracer.graph
-
-
-def _tensors(module: nn.Module) -> Iterator[tuple[str, Tensor]]:
-    yield from module.named_parameters()
-    yield from module.named_buffers()
-
-
 class Tracer(TorchDispatchMode):
-    """Records every operation on the values of one forward pass."""
+    """Records every operation on the values of one forward pass; `emitters` by the name of the ATen operation."""
 
-    def __init__(self) -> None:
+    def __init__(self, emitters: Mapping[str, Emitter]) -> None:
         super().__init__()
+        self.emitters = emitters
         self.graph = Graph()
         self.constants: dict[int, tuple[str, Tensor]] = {}  # name and data, by the id of the tensor without data
         self._names: dict[int, str] = {}
@@ -81,8 +53,8 @@ class Tracer(TorchDispatchMode):
                     self.constants[id(part)] = (source, value)
         elif op in ALIASES:
             self._names[id(first)] = self.name(given[0])
-        elif op in EMITTERS:
-            self._names[id(first)] = EMITTERS[op](self, tuple(first.shape), *args, **kwargs)
+        elif op in self.emitters:
+            self._names[id(first)] = self.emitters[op](self, tuple(first.shape), *args, **kwargs)
         else:
             raise SettingError(f"the network uses {function}, which export/graph/emitters.py has no emitter for yet")
         return result

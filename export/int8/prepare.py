@@ -8,12 +8,12 @@ import numpy as np
 from torch import nn
 
 from export.graph.graph import Graph, to_model
+from export.graph.image_graph import trace
 from export.graph.rewrite import bias_of, fold_norms, set_bias, trim_kernels
-from export.graph.tracing import trace
-from export.int8.integer_forms import with_integer_forms
 from export.int8.calibration import find_ranges, find_widths, halves_of
 from export.int8.channels_last import integer_operations
 from export.int8.equalise import equalise
+from export.int8.integer_forms import with_integer_forms
 from export.int8.layout import means_to_pools, shuffle_blocks, spread_factors, spread_gates
 from export.int8.pairs import LARGEST, clipped, integer_values, last_convolutions, layers, quantised, roots
 from export.int8.shifts import carry_shifts, to_relu

@@ -6,7 +6,7 @@ import torch
 
 from export.bundle.write import rounded_to_half, write_point_head
 from export.checkpoint.published import understand
-from export.convert import onnx_bytes
+from export.graph.image_graph import image_bytes
 from mos_model.networks.config import named_config
 from mos_model.networks.network import build_image_network, build_point_head
 from runtime.bundle.head_shape import FULL, LITE
@@ -21,7 +21,7 @@ SHAPE = (1, 13, 64, 256)
 
 
 def exported(network, image):
-    session = open_session(onnx_bytes(network, SHAPE), threads=2)
+    session = open_session(image_bytes(network, SHAPE), threads=2)
     return session.run(["probabilities", "features"], {"image": np.asarray(image)})
 
 
@@ -86,4 +86,4 @@ def refined(folder, config, xyz, features):
 def test_the_same_network_gives_the_same_bytes():
     torch.manual_seed(0)
     network = build_image_network(named_config("v1", 4)).eval()
-    assert onnx_bytes(network, (1, 13, 32, 64)) == onnx_bytes(network, (1, 13, 32, 64))
+    assert image_bytes(network, (1, 13, 32, 64)) == image_bytes(network, (1, 13, 32, 64))

@@ -6,10 +6,9 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from export.convert import Outputs
 from export.graph.blocked_forms import with_blocked_forms
+from export.graph.image_graph import Outputs, trace
 from export.graph.rewrite import trim_kernels
-from export.graph.tracing import trace
 from mos_model.networks.config import named_config
 from mos_model.networks.network import build_image_network
 from tests.export.int8.test_pairs import run

@@ -7,8 +7,8 @@ from torch import nn
 from torch.nn import functional as F
 
 from export.graph.graph import to_model
+from export.graph.image_graph import trace
 from export.graph.rewrite import fold_norms
-from export.graph.tracing import trace
 from mos_model.networks.config import named_config
 from mos_model.networks.network import build_image_network
 from runtime.compute.sessions import open_session

@@ -10,10 +10,13 @@ import pytest
 
 import mos_model.simulator
 from export.bundle import parity
-from export.convert import Outputs, export_checkpoint
-from export.int8 import judge as int8
-from export.int8.judge import LARGEST_SHIFT, Balance, Judge, Loss, Scene, Settings, choose_floats, recorded
+from export.convert import export_checkpoint
+from export.graph.image_graph import Outputs
+from export.int8 import quantise as int8
+from export.int8.judge import LARGEST_SHIFT, Balance, Judge, Loss
 from export.int8.prepare import prepare
+from export.int8.quantise import Settings, choose_floats
+from export.int8.scenes import Scene, recorded
 from export.to_onnx import export
 from mos_model.networks.checkpoint import save
 from mos_model.simulator import simulate

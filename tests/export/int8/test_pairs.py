@@ -7,18 +7,17 @@ import pytest
 import torch
 from torch import nn
 
-from export.convert import Outputs
 from export.graph.graph import Graph, Node, to_model
+from export.graph.image_graph import Outputs, trace
 from export.graph.rewrite import fold_norms, is_unpadded
-from export.graph.tracing import trace
 from export.int8 import calibration
-from export.int8.integer_forms import with_integer_forms
 from export.int8.calibration import find_widths, halves_of
 from export.int8.channels_last import integer_operations
 from export.int8.equalise import equalise, tied_channels
+from export.int8.integer_forms import with_integer_forms
 from export.int8.layout import shuffle_blocks, spread_gates
-from export.int8.prepare import prepare
 from export.int8.pairs import LARGEST, Params, kernel_integers, quantised
+from export.int8.prepare import prepare
 from export.int8.shifts import Halves, carry_shifts, shift_of, to_relu
 from mos_model.networks.config import named_config
 from mos_model.networks.network import ImageOutput, build_image_network
