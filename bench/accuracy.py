@@ -15,11 +15,12 @@ from bench.peers import Label, peers, versions
 from bench.report import ROOT, save, show
 from mos_model.simulator import simulate
 from runtime import MosRunner
-from runtime.bundle.manifest import load_bundle
+from runtime.bundle.loading import load_bundle
 from runtime.bundle.residual import HISTORY, Residual
 from runtime.classes import MOVING, STATIC, to_classes
 from runtime.compute.workers import Workers
 from runtime.evaluation.confusion import Confusion
+from runtime.image.history import History
 from runtime.image.inputs import InputBuilder
 from runtime.recordings.labels import read_labels
 from runtime.recordings.sequence import open_sequence
@@ -98,15 +99,13 @@ def with_runner(runner: MosRunner) -> Callable[[], Labeller]:
 
 def residual_threshold() -> Labeller:
     """Untrained: the median over the 8 past scans of (r_past - r_now) / r_now is above 0.1."""
-    builder, past = InputBuilder(RangeImage(), Residual(kind="signed"), Workers(2)), []
+    builder, history = InputBuilder(RangeImage(), Residual(kind="signed"), Workers(2)), History()
 
     def label(scan: Scan) -> np.ndarray:
-        scans, relative = [p for p, _ in past[::-1]], [np.linalg.inv(scan.pose) @ q for _, q in past[::-1]]
-        made = builder.build(scan.points, scans, relative)
-        moving = (np.median(made.image[5:], axis=0) > 0.1).reshape(-1)[np.maximum(made.pixel, 0)] & (made.pixel >= 0)
-        past.append((np.ascontiguousarray(scan.points[made.pixel >= 0, :3]), scan.pose))
-        del past[:-HISTORY]
-        return moving
+        entered = builder.enter(scan.points)
+        made = builder.build(entered, history.past(scan.pose))
+        history.add(entered, scan.pose, None)
+        return (np.median(made.image[5:], axis=0) > 0.1).reshape(-1)[np.maximum(made.pixel, 0)] & entered.takes_part
 
     return label
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.report import ROOT
 from runtime.bundle.head_shape import FULL, LITE
-from runtime.bundle.residual import HISTORY, Residual
+from runtime.bundle.residual import Residual
 from runtime.classes import MOVING, to_classes
 from runtime.compute.workers import Workers
 from runtime.head.numba_engine import FeatureMap, PointHeadEngine, fold
@@ -39,9 +39,11 @@ class Scan:
 
     def __init__(self, points: np.ndarray) -> None:
         sensor, random = RangeImage(), np.random.default_rng(SEED)
-        image = InputBuilder(sensor, Residual(), Workers(1)).build(points, [None] * HISTORY, [None] * HISTORY)
+        builder = InputBuilder(sensor, Residual(), Workers(1))
+        entered = builder.enter(points)
+        image = builder.build(entered, [])
         features = random.normal(size=(32, sensor.height, sensor.width)).astype(np.float32)
-        self.xyz, self.valid = np.ascontiguousarray(points[:, :3]), image.pixel >= 0
+        self.xyz, self.valid = np.ascontiguousarray(points[:, :3]), entered.takes_part
         self.args = self.xyz, self.valid, FeatureMap(features, image.pixel, sensor.width)
 
     def near(self, seed: int, radius: float = 2.0) -> np.ndarray:

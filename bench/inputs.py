@@ -11,7 +11,9 @@ from bench.report import interleaved, save, show, summary
 from bench.scans import load_frames
 from runtime.bundle.residual import HISTORY, Residual
 from runtime.compute.workers import Workers
+from runtime.image.history import Past
 from runtime.image.inputs import InputBuilder
+from runtime.recordings.poses import relative_pose
 from runtime.sensors.range_image import RangeImage
 
 
@@ -31,7 +33,7 @@ def numpy_range_image(points: np.ndarray, sensor: RangeImage, low: float, high: 
     return image, first
 
 
-def numpy_input(points: np.ndarray, past: list, relative: list, sensor: RangeImage, residual: Residual) -> np.ndarray:
+def numpy_input(points: np.ndarray, past: list[Past], sensor: RangeImage, residual: Residual) -> np.ndarray:
     """The whole input (13, H, W)."""
     nearest, first = numpy_range_image(points, sensor, 0.0, np.inf)
     channels = np.concatenate([nearest[None], np.moveaxis(points[first], 2, 0)])
@@ -40,8 +42,9 @@ def numpy_input(points: np.ndarray, past: list, relative: list, sensor: RangeIma
     image[:5] = np.where(first >= 0, (channels - mean) / std, 0)
     limits = residual.min_range, residual.max_range
     current, _ = numpy_range_image(points, sensor, *limits)
-    for i, (scan, transform) in enumerate(zip(past, relative, strict=True)):
-        moved = scan[:, :3] @ transform[:3, :3].T.astype(np.float32) + transform[:3, 3].astype(np.float32)
+    for i, one in enumerate(past):
+        transform = one.relative.astype(np.float32)
+        moved = one.points[:, :3] @ transform[:3, :3].T + transform[:3, 3]
         before, _ = numpy_range_image(moved, sensor, *limits)
         both = (current > 0) & (before > 0)
         image[5 + i][both] = np.abs(before[both] - current[both]) / current[both]
@@ -57,16 +60,15 @@ def bench(
     """Median time of the 13-channel input of one scan with 8 past scans."""
     frames = load_frames(sequence, HISTORY + 1)
     (points, pose), before = frames[-1], frames[-2::-1]
-    past = [np.ascontiguousarray(scan[np.abs(scan[:, :3]).sum(1) > 0, :3]) for scan, _ in before]
-    points = points[np.abs(points[:, :3]).sum(1) > 0]
-    relative = [np.linalg.inv(pose) @ other for _, other in before]
+    points = points[points[:, :3].any(1)]
+    past = [Past(np.ascontiguousarray(scan[scan[:, :3].any(1), :3]), relative_pose(pose, p)) for scan, p in before]
     sensor, residual = RangeImage(), Residual()
     builders = {n: InputBuilder(sensor, residual, Workers(n)) for n in sorted({1, threads})}
-    image = builders[threads].build(points, past, relative).image
-    differs = (np.abs(image - numpy_input(points, past, relative, sensor, residual)) > 1e-3).any(0).mean()
-    tasks = {f"{n} threads": (lambda b=b: b.build(points, past, relative)) for n, b in builders.items()}
+    image = builders[threads].build(builders[threads].enter(points), past).image
+    differs = (np.abs(image - numpy_input(points, past, sensor, residual)) > 1e-3).any(0).mean()
+    tasks = {f"{n} threads": (lambda b=b: b.build(b.enter(points), past)) for n, b in builders.items()}
     seconds = interleaved(tasks, rounds)
-    plain = {"NumPy": lambda: numpy_input(points, past, relative, sensor, residual)}
+    plain = {"NumPy": lambda: numpy_input(points, past, sensor, residual)}
     seconds |= interleaved(plain, max(3, rounds // 10))
     rows = {name: summary(values) for name, values in seconds.items()}
     show(f"input of {len(points)} points and {len(past)} past scans, ms; {differs:.1e} of the pixels differ", rows)

@@ -21,6 +21,7 @@ from bench.scans import there_and_back
 from runtime import MosRunner
 from runtime.bundle.residual import HISTORY
 from runtime.classes import MOVING, to_classes
+from runtime.head.refiners import Head
 from runtime.recordings.labels import read_labels, write_labels
 from runtime.recordings.sequence import open_sequence
 
@@ -101,11 +102,11 @@ class Forced:
     """Lets the point head of a runner look at a share of the points, whatever the image network says."""
 
     def __init__(self, runner: MosRunner, share: float) -> None:
-        head = runner._head
-        assert head is not None
+        assert isinstance(runner._refiner, Head)
+        head = runner._refiner.head
         self.share, self.chosen = share, np.empty(0, bool)
         refine = head.refine
-        head.refine = lambda xyz, valid, features, _: refine(xyz, valid, features, self.chosen & valid)
+        head.refine = lambda xyz, valid, features, _, halo: refine(xyz, valid, features, self.chosen & valid, halo)
 
     def choose(self, points: np.ndarray, clusters: int = 5) -> None:
         """The points (N, 4) that are nearest to five of them."""
@@ -137,9 +138,11 @@ def measure_head(config: str, folder: Path, threads: int, rounds: int) -> dict[s
     sequence = open_sequence(folder, limit=60)
     index = len(sequence) // 2
     points, _ = sequence.read(index)
-    built = InputBuilder(model.sensor, model.residual, Workers(threads)).build(points, [], [])
+    builder = InputBuilder(model.sensor, model.residual, Workers(threads))
+    entered = builder.enter(points)
+    built = builder.build(entered, [])
     image = np.random.default_rng(0).normal(0, 1, (32, model.sensor.height, model.sensor.width)).astype(np.float32)
-    xyz, valid = np.ascontiguousarray(points[:, :3]), built.pixel >= 0
+    xyz, valid = np.ascontiguousarray(points[:, :3]), entered.takes_part
     features = FeatureMap(image, built.pixel, model.sensor.width)
     rows = torch.from_numpy(image.reshape(32, -1).T[built.pixel[valid]].copy())
 

@@ -21,17 +21,18 @@ from export.checkpoint.reader import read_tensors
 from export.graph.head_graph import head_bytes
 from export.graph.image_graph import Outputs, image_bytes
 from export.int8.quantise import Settings, quantise
+from runtime.bundle.loading import Bundle, load_bundle
 from runtime.bundle.manifest import (
     IMAGE_NET,
     IMAGE_NET_INT8,
     POINT_HEAD,
     POINT_HEAD_ONNX,
-    Bundle,
     Decision,
     Manifest,
-    load_bundle,
+    SensorEntry,
 )
 from runtime.errors import SettingError
+from runtime.sensors.registry import find_sensor
 
 STORED = ("float16", "float32")  # how kernels are stored
 PRECISIONS = ("float32", "int8")  # how the image network computes
@@ -120,9 +121,9 @@ def _with_int8(folder: Path, source: Source, manifest: Manifest, settings: Setti
     done = quantise(
         Outputs(source.image_net),
         (folder / IMAGE_NET).read_bytes(),
-        manifest.sensor,
+        manifest.sensor.range_image,
         manifest.residual,
-        manifest.decision.threshold,
+        manifest.sensor.decision.threshold,
         source.trained,
         settings,
     )
@@ -135,7 +136,9 @@ def _with_int8(folder: Path, source: Source, manifest: Manifest, settings: Setti
 def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) -> Manifest:
     config, training = source.config, source.training
     features = _channels_of_features(source)
-    head = config.point_head
+    head, device = config.point_head, find_sensor(training.get("sensor", "hdl64e"))
+    decision = Decision(training.get("threshold"), training.get("head_threshold"))
+    sensor = SensorEntry(device.name, config.sensor, device.reach, decision)
     files = [IMAGE_NET] + [name for name in (POINT_HEAD, POINT_HEAD_ONNX) if (folder / name).exists()]
     record = {
         key: value
@@ -144,7 +147,8 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
     }
     return Manifest(
         name=config.name,
-        sensor=config.sensor,
+        network=config.network,
+        sensors=(sensor,),
         residual=config.residual,
         features=features,
         point_head=head,
@@ -156,7 +160,6 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
             "training": plain(record),
         },
         model=config.to_dict(),
-        decision=Decision(training.get("threshold"), training.get("head_threshold")),
         postprocess=training.get("postprocess", "head" if head else "knn"),
         accuracy=plain(training.get("accuracy", {})),
         licence=training.get("licence", "unknown"),

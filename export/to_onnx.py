@@ -85,7 +85,7 @@ def export(
 
 def default_checkpoint() -> tuple[Path, Path]:
     """Checkpoint of the default bundle of this checkout, or else the tiny one; and the folder for its bundle."""
-    from runtime.bundle.manifest import DEFAULT_BUNDLE
+    from runtime.bundle.loading import DEFAULT_BUNDLE
 
     for checkpoint, out in (
         (ROOT / "models" / DEFAULT_BUNDLE / "checkpoint.pt", ROOT / "models" / DEFAULT_BUNDLE),

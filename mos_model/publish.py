@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from mos_model.data.dataset import Sample, SampleConfig, SimulatedStreets
 from mos_model.networks.checkpoint import Checkpoint, load, save
+from runtime.bundle.manifest import Tuned
 from runtime.classes import MOVING, STATIC
 from runtime.commands.handler import run_alone
-from runtime.runner import CANDIDATE
 
 CALIBRATION_STREETS = 15_000_000  # seeds from here on choose thresholds; validation has those below
 BINS = 200
@@ -68,7 +68,7 @@ def probabilities(found: Checkpoint, sample: Sample) -> tuple[NDArray[np.float32
         grid = found.point_head.grid(torch.from_numpy(sample.xyz))
         features = output.features_at(0, torch.from_numpy(sample.pixel).long())  # (N, c)
         refined = found.point_head(grid, features).softmax(1)[:, MOVING]
-        points = torch.where(points > CANDIDATE, refined, 0.0)
+        points = torch.where(points > Tuned.candidate, refined, 0.0)
     return image.numpy(), points.numpy()
 
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from runtime import __version__
-from runtime.bundle.manifest import MANIFEST, sha256_of
+from runtime.bundle.loading import sha256_of
+from runtime.bundle.manifest import MANIFEST
 from runtime.errors import MosError, OutputError, SettingError
 from runtime.files import write_whole
 from runtime.recordings.labels import LABEL_BYTES, write_labels
@@ -99,7 +100,7 @@ def _label(sequence: Sequence, index: int, runner: MosRunner, out: str | Path) -
 
 def _read(sequence: Sequence, index: int, runner: MosRunner) -> tuple[Scan, Pose]:
     """A scan without remission gets the mean that the network subtracts."""
-    return sequence.read(index, remission_fill=runner.bundle.manifest.sensor.mean[4])
+    return sequence.read(index, remission_fill=runner.bundle.manifest.sensor.range_image.mean[4])
 
 
 def _folder(out: str | Path, sequence: Sequence) -> Path:
@@ -112,7 +113,7 @@ def _identity(sequence: Sequence, runner: MosRunner) -> dict[str, Any]:
         "bundle": runner.bundle.manifest.name,
         "manifest_sha256": sha256_of(runner.bundle.path / MANIFEST),
         "postprocess": runner.postprocess,
-        "refine": runner.refine,
+        "refine": runner.settings.refine,
         "precision": runner.precision,
         "version": __version__,
         "first_scan": sequence.scans[0].name,

@@ -4,43 +4,35 @@ import logging
 import math
 import threading
 import warnings
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
-from typing import Any, Literal
+from types import TracebackType
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from runtime.bundle.manifest import POSTPROCESSES, Bundle, load_bundle
+from runtime.bundle.loading import Bundle, load_bundle
 from runtime.bundle.residual import HISTORY
-from runtime.classes import MOVING
 from runtime.compute.jit import is_cached
 from runtime.compute.quota import available_processors
 from runtime.compute.sessions import provider_name
+from runtime.compute.stopwatch import Stopwatch
 from runtime.compute.workers import Workers
-from runtime.errors import MosWarning, SettingError
-from runtime.head.onnx_engine import ENGINES, choose_head
-from runtime.head.refinement import PointHead
-from runtime.head.transfer import FeatureMap
-from runtime.image.decision import pixel_classes, point_results, take_refined
-from runtime.image.history import History
+from runtime.errors import InferenceError, MosWarning, SettingError
+from runtime.head.refiners import PointLabels, choose_refiner
+from runtime.image.entry import Entered
+from runtime.image.history import History, Past
 from runtime.image.image_net import ImageNet
 from runtime.image.inputs import ImageInput, InputBuilder
 from runtime.image.precision import choose_precision
 from runtime.image.projection import project_scan
-from runtime.image.vote import knn_vote
-from runtime.recordings.poses import check_pose
-from runtime.recordings.scans import as_scan
+from runtime.recordings.poses import Pose, check_pose
+from runtime.settings import RunnerSettings
 
 log = logging.getLogger("lidar_mos")
 
-# Median residual of the oldest scan from which poses are doubted, and in how many scans in a row. With right poses it
-# is 0.01, and 0.06 at most in 120 simulated scans; on the real drive 1.2 with a camera's and 0.15 with inverted ones.
-MISFIT = 0.1
-DOUBTS = 5
-CANDIDATE = 0.2  # probability of its pixel from which a point may move: the point head looks at its surroundings
+DOUBTS = 5  # scans in a row that do not fit until poses are doubted
 
 
 @dataclass(frozen=True)
@@ -57,72 +49,43 @@ class MosRunner:
     """Moving-object segmentation, scan by scan (paper, Sec. III).
 
     State is the history of the last 8 scans. Calls from several threads wait for each other; runners are independent.
+    `with MosRunner() as runner:` ends its threads, as `close()` does.
     """
 
     def __init__(
-        self,
-        bundle: str | Path | None = None,
-        *,
-        threads: int | None = None,
-        postprocess: Literal["none", "knn", "head"] | None = None,
-        refine: Literal["near", "all"] = "near",
-        head_engine: Literal["auto", "numba", "onnx"] = "auto",
-        precision: str = "auto",
-        providers: Sequence[Any] | None = None,
-        allow_fallback: bool = False,
-        session_options: Mapping[str, str] | None = None,
+        self, bundle: str | Path | None = None, *, settings: RunnerSettings | None = None, **changes: Any
     ) -> None:
         """Load a bundle, compile the kernels (once per machine) and warm up.
 
         bundle: folder of a bundle; None: the default one.
-        threads: of the kernels and of ONNX Runtime; None: all processors that this process may use.
-        postprocess: "head" refines points by the point head, "knn" lets them vote, "none" takes their pixel's result;
-            None: what the bundle says.
-        refine: the point head looks "near" points that may move (the others keep their pixel's result), or at "all".
-        head_engine: of the point head: "numba" on the processor, "onnx" on `providers`; "auto": "onnx" on a GPU's
-            provider where the bundle has `point_head.onnx`, else "numba".
-        precision: of the image network: "float32", "int8", or "auto": INT8 where the bundle has it and the processor
-            gains from it (`runtime.image.precision`); what was chosen is logged and in the attribute `precision`.
-        providers, allow_fallback, session_options: see `runtime.compute.sessions.open_session`.
+        settings: see `RunnerSettings`, whose fields may be given by name too: `MosRunner(threads=2, refine="all")`.
+            What was chosen for "auto" is logged and in the attributes `precision` and `postprocess`.
 
         Raises BundleError, ProviderError or SettingError.
         """
+        self.settings = (settings or RunnerSettings()).changed(changes)
         self.bundle: Bundle = load_bundle(bundle)
-        manifest = self.bundle.manifest
-        if threads is None:
-            threads = available_processors()
+        manifest, given = self.bundle.manifest, self.settings
+        threads = available_processors() if given.threads is None else given.threads
         self.workers = Workers(threads)
-        self.postprocess: str = manifest.postprocess if postprocess is None else postprocess
-        if self.postprocess not in POSTPROCESSES:
-            raise SettingError(f"postprocess must be one of {', '.join(POSTPROCESSES)}, not {self.postprocess!r}")
-        if refine not in ("near", "all"):
-            raise SettingError(f"refine must be 'near' or 'all', not {refine!r}")
-        if self.postprocess == "head" and manifest.point_head is None:
-            raise SettingError(f"bundle {manifest.name!r} has no point head: choose postprocess 'knn' or 'none'")
-        if head_engine not in ENGINES:
-            raise SettingError(f"head_engine must be one of {', '.join(ENGINES)}, not {head_engine!r}")
-        if isinstance(providers, str):
-            raise SettingError(f"providers must be a list of names, as [{providers!r}]")
-        self.refine = refine
-        self._inputs = InputBuilder(manifest.sensor, manifest.residual, self.workers)
-        names = [provider_name(given) for given in providers or ()]
-        self.precision, reason = choose_precision(self.bundle, precision, names)
+        sensor = manifest.sensor
+        self._inputs = InputBuilder(sensor.range_image, manifest.residual, self.workers, sensor.reach)
+        wanted = list(given.providers or ())
+        self.precision, reason = choose_precision(self.bundle, given.precision, [provider_name(one) for one in wanted])
         log.info("image network in %s: %s", self.precision, reason)
         self._image_net = ImageNet.of(
             self.bundle,
             precision=self.precision,
             threads=threads,
-            providers=providers,
-            allow_fallback=allow_fallback,
-            session_options=session_options,
+            providers=given.providers,
+            allow_fallback=given.allow_fallback,
+            session_options=given.session_options,
         )
-        self._head: PointHead | None = None
-        if self.postprocess == "head":
-            started = [given for given in providers or () if provider_name(given) in self._image_net.providers]
-            self._head = choose_head(self.bundle, self.workers, head_engine, started, session_options=session_options)
-        self._history = History()
+        started = [one for one in wanted if provider_name(one) in self._image_net.providers]
+        self.postprocess, self._refiner = choose_refiner(self.bundle, given, self.workers, started)
+        self._history = History(manifest.tuned)
         self._misfits = 0  # scans in a row whose surroundings do not fall together with those of the past
-        self._points = np.empty((0, 4), np.float32)
+        self._closed = False
         self._lock = threading.Lock()
         self._warm_up()
 
@@ -137,12 +100,26 @@ class MosRunner:
             self._history.clear()
             self._misfits = 0
 
+    def close(self) -> None:
+        """End the threads. A closed runner labels nothing any more."""
+        with self._lock:
+            self._closed = True
+            self.workers.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
     def __call__(self, scan: ArrayLike, pose: ArrayLike, time: float | None = None) -> MosResult:
         """Label the next scan of a sequence.
 
-        scan: (N, 4) f32 or f64 x, y, z in m, LiDAR frame, and remission in 0..1; (N, 3) takes the mean remission that
-            the network subtracts. Points at the origin, or with a value that is not finite, are never moving and have
-            probability 0.
+        scan: (N, 4) f32 or f64 x, y, z in m, LiDAR frame, and remission in 0..1; (N, 3), and remission that is not
+            finite, take the mean remission that the network subtracts. Points at the origin, beyond the sensor's
+            reach, or with a coordinate that is not finite, are never moving and have probability 0.
         pose: (4, 4) T_world_lidar, rigid.
         time: s, to notice gaps; optional.
 
@@ -151,66 +128,48 @@ class MosRunner:
         time) or InferenceError; the history is then as it was.
         """
         with self._lock:
-            started = perf_counter()
-            points, pose = self._accept(scan, pose, time)
-            jump = self._history.jump(pose, time)
-            past, relative = ([], []) if jump else (self._history.past(), self._history.relative(pose))
-            image = self._inputs.build(points, past, relative)
-            built = perf_counter()
-            if (image.pixel >= 0).any():
-                probabilities, features = self._image_net.run(image.image)
-                inferred = perf_counter()
-                moving, probability = self._to_points(image, points, probabilities, features)
-            else:
-                inferred = built
-                moving, probability = np.zeros(len(points), np.bool_), np.zeros(len(points), np.float32)
-            labelled = perf_counter()
-            misfits = self._misfits + 1 if len(past) == HISTORY and _misfit(image) > MISFIT else 0
-            self._remember(points, image.pixel >= 0, pose, time, jump, misfits)
-            done = perf_counter()
-        timing = {
-            "input": built - started,
-            "network": inferred - built,
-            "postprocess": labelled - inferred,
-            "history": done - labelled,
-            "total": done - started,
-        }
-        return MosResult(moving, probability, len(past) == HISTORY, timing)
+            watch = Stopwatch()
+            entered, checked, jump = self._enter(scan, pose, time)
+            past = [] if jump else self._history.past(checked)
+            # Project and compare: the range image and its residuals
+            projected = self._inputs.project(entered, past)
+            image = self._inputs.residuals(projected, past)
+            watch.lap("input")
+            # Infer and refine: from pixels to points
+            labels = self._label(entered, image, watch)
+            # Remember
+            misfits = self._misfits + 1 if self._is_misfit(image, past) else 0
+            self._remember(entered, checked, time, jump, misfits)
+            watch.lap("history")
+        return MosResult(*labels, ready=len(past) == HISTORY, timing=watch.timing())
 
     def remember(self, scan: ArrayLike, pose: ArrayLike, time: float | None = None) -> None:
         """Put a scan into the history without labelling it, to go on in the middle of a sequence."""
         with self._lock:
-            points, pose = self._accept(scan, pose, time)
-            keep = np.logical_and(np.isfinite(points).all(axis=1), points[:, :3].any(axis=1))
-            self._remember(points, keep, pose, time, self._history.jump(pose, time))
+            entered, checked, jump = self._enter(scan, pose, time)
+            self._remember(entered, checked, time, jump)
 
-    def _accept(
-        self, scan: ArrayLike, pose: ArrayLike, time: float | None
-    ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Scan (N, 4), in a buffer of this runner, and pose (4, 4); all three are checked."""
-        try:
-            known = time is None or math.isfinite(time)
-        except (TypeError, OverflowError):
-            known = False
-        if not known:
-            raise SettingError(f"time must be a number of seconds, or None, not {time!r}")
-        given = as_scan(scan, remission_fill=self.bundle.manifest.sensor.mean[4])
-        checked = check_pose(pose, "pose")
-        if len(self._points) < len(given):
-            self._points = np.empty((len(given) + len(given) // 8, 4), np.float32)
-        points = self._points[: len(given)]
-        points[:] = given
-        return points, checked
+    def _enter(self, scan: ArrayLike, pose: ArrayLike, time: float | None) -> tuple[Entered, Pose, str]:
+        """The scan in a buffer of this runner, its pose, and in what it does not follow the one before; all checked."""
+        if self._closed:
+            raise InferenceError("this runner is closed: make a new MosRunner")
+        _check_time(time)
+        entered, checked = self._inputs.enter(scan), check_pose(pose, "pose")
+        return entered, checked, self._history.jump(checked, time)
 
-    def _remember(
-        self,
-        points: NDArray[np.float32],
-        keep: NDArray[np.bool_],
-        pose: NDArray[np.float64],
-        time: float | None,
-        jump: str,
-        misfits: int = 0,
-    ) -> None:
+    def _label(self, scan: Entered, image: ImageInput, watch: Stopwatch) -> PointLabels:
+        """Infer, and refine."""
+        if not scan.takes_part.any():
+            watch.lap("network")
+            labels = PointLabels(np.zeros(len(scan), np.bool_), np.zeros(len(scan), np.float32))
+        else:
+            seen = self._image_net.run(image.image)
+            watch.lap("network")
+            labels = self._refiner.refine(scan, image, seen)
+        watch.lap("postprocess")
+        return labels
+
+    def _remember(self, scan: Entered, pose: Pose, time: float | None, jump: str, misfits: int = 0) -> None:
         self._misfits = misfits
         if misfits == DOUBTS:  # where warnings are errors, the history stays as it was
             text = (
@@ -221,28 +180,15 @@ class MosRunner:
         if jump:
             warnings.warn(f"{jump}: the history of past scans is dropped", MosWarning, stacklevel=3)
             self._history.clear()
-        self._history.add(points, keep, pose, time)
+        self._history.add(scan, pose, time)
 
-    def _to_points(
-        self,
-        image: ImageInput,
-        points: NDArray[np.float32],
-        probabilities: NDArray[np.float32],
-        features: NDArray[np.float32],
-    ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-        """From pixels to points: moving (N,), probability (N,)."""
-        decision = self.bundle.manifest.decision
-        moving, probability = point_results(probabilities, image.pixel, decision.threshold)
-        if self.postprocess == "knn":
-            classes = pixel_classes(probabilities, decision.threshold)
-            labels = knn_vote(classes, image.range_image, image.pixel, image.range, self.workers)
-            return labels == MOVING, probability
-        if self._head is not None:
-            candidates = None if self.refine == "all" else probability > CANDIDATE
-            given = FeatureMap(features, image.pixel, image.image.shape[2])
-            refined = self._head.refine(points[:, :3], image.pixel >= 0, given, candidates)
-            take_refined(refined, decision.head_threshold, moving, probability)
-        return moving, probability
+    def _is_misfit(self, image: ImageInput, past: list[Past]) -> bool:
+        """By the median size of the oldest residual image, over every 32nd of the pixels that both scans saw."""
+        if len(past) < HISTORY:
+            return False
+        residual = np.abs(image.image[-1, ::4, ::8])
+        seen = residual[residual > 0]
+        return bool(seen.size) and float(np.median(seen)) > self.bundle.manifest.tuned.misfit
 
     def _warm_up(self) -> None:
         """Compile or load every kernel, and let ONNX Runtime and the point head lay out their memory."""
@@ -254,12 +200,14 @@ class MosRunner:
         self.remember(wall, np.eye(4))
         self(wall, np.eye(4))
         self.reset()
-        if self._head is not None:
-            self._head.warm_up()
+        self._refiner.warm_up()
 
 
-def _misfit(image: ImageInput) -> float:
-    """Median size of the oldest residual image, over every 32nd of the pixels that both scans saw."""
-    residual = np.abs(image.image[-1, ::4, ::8])
-    seen = residual[residual > 0]
-    return float(np.median(seen)) if seen.size else 0.0
+def _check_time(time: float | None) -> None:
+    """Raise SettingError unless `time` is a number of seconds or None."""
+    try:
+        known = time is None or math.isfinite(time)
+    except (TypeError, OverflowError):
+        known = False
+    if not known:
+        raise SettingError(f"time must be a number of seconds, or None, not {time!r}")

@@ -9,16 +9,18 @@ from torch import nn
 
 from mos_model.networks.network import ImageOutput
 from mos_model.simulator import simulate
-from runtime.bundle.manifest import POINT_HEAD, POINT_HEAD_ONNX, Bundle
+from runtime.bundle.loading import Bundle
+from runtime.bundle.manifest import POINT_HEAD, POINT_HEAD_ONNX, SensorEntry
 from runtime.bundle.residual import HISTORY, Residual
 from runtime.compute.workers import Workers
 from runtime.errors import ParityError
 from runtime.head.numba_engine import PointHeadEngine
 from runtime.head.onnx_engine import OnnxHead
 from runtime.head.refinement import FeatureMap, PointHead
+from runtime.image.entry import Entered
 from runtime.image.image_net import ImageNet
 from runtime.image.inputs import ImageInput, InputBuilder
-from runtime.sensors.range_image import RangeImage
+from runtime.sensors.registry import SENSORS
 
 LIMIT = 1e-4  # largest difference of a probability
 SEED = 2026  # of the simulated street
@@ -79,19 +81,17 @@ def check_parity(bundle: Bundle, image_net: nn.Module, point_head: nn.Module | N
     return parity
 
 
-def simulated_input(sensor: RangeImage, residual: Residual, workers: Workers) -> tuple[np.ndarray, ImageInput]:
-    """The last scan (N, 4) of a simulated drive with a full history, and the network's input for it."""
-    frames = list(simulate(SEED, HISTORY + 1, movers=1.6))
-    current, past = frames[-1], frames[-2::-1]
-    relative = [np.linalg.inv(current.pose) @ frame.pose for frame in past]
-    builder = InputBuilder(sensor, residual, workers)
-    return current.points, builder.build(current.points, [frame.points for frame in past], relative)
+def simulated_input(sensor: SensorEntry, residual: Residual, workers: Workers) -> tuple[Entered, ImageInput]:
+    """The last scan of a drive of that sensor, simulated with a full history, and the network's input for it."""
+    device = sensor.name if sensor.name in SENSORS else "hdl64e"
+    drive = [(frame.points, frame.pose) for frame in simulate(SEED, HISTORY + 1, device, movers=1.6)]
+    return InputBuilder(sensor.range_image, residual, workers, sensor.reach).image_of(drive)
 
 
 def _head_differences(
     bundle: Bundle,
     head: nn.Module | None,
-    scan: np.ndarray,
+    scan: Entered,
     image: ImageInput,
     features: np.ndarray,
     want: ImageOutput,
@@ -101,15 +101,15 @@ def _head_differences(
     config = bundle.manifest.point_head
     if head is None or config is None:
         return {}
-    valid = image.pixel >= 0
-    xyz = np.ascontiguousarray(scan[:, :3])
+    valid = scan.takes_part
+    xyz = np.ascontiguousarray(scan.points[:, :3])
     with torch.inference_mode():
         of_points = want.features_at(0, torch.from_numpy(image.pixel[valid]).long())
         of_head = head(head.grid(torch.from_numpy(xyz[valid])), of_points).softmax(1).numpy()
     engines: dict[str, PointHead] = {POINT_HEAD: PointHeadEngine(bundle.point_head(), config, workers)}
     if POINT_HEAD_ONNX in bundle.manifest.files:
         engines[POINT_HEAD_ONNX] = OnnxHead(bundle.path / POINT_HEAD_ONNX, config, workers)
-    given = xyz, valid, FeatureMap(features, image.pixel, bundle.manifest.sensor.width)
+    given = xyz, valid, FeatureMap(features, image.pixel, bundle.manifest.sensor.range_image.width)
     return {name: _difference(engine.refine(*given)[valid], of_head) for name, engine in engines.items()}
 
 

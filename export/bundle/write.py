@@ -14,7 +14,8 @@ import numpy as np
 from torch import Tensor, nn
 
 from runtime.bundle.head_shape import PointHeadConfig
-from runtime.bundle.manifest import FORMAT, MANIFEST, NETWORK_FILES, FileEntry, Manifest, sha256_of
+from runtime.bundle.loading import sha256_of
+from runtime.bundle.manifest import FORMAT, MANIFEST, NETWORK_FILES, FileEntry, Manifest
 from runtime.errors import BundleError, CheckpointError, OutputError
 from runtime.head.weights import EPSILON, fold, layers
 

@@ -52,9 +52,8 @@ def recorded(folder: Path, sensor: RangeImage, residual: Residual, count: int = 
     builder = InputBuilder(sensor, residual, Workers(1))
     images = []
     for index in chosen:
-        scans, poses = zip(*(sequence.read(int(i)) for i in range(index, index - HISTORY - 1, -1)), strict=True)
-        relative = [np.linalg.inv(poses[0]) @ pose for pose in poses[1:]]
-        images.append(builder.build(scans[0], scans[1:], relative).image[None].copy())
+        drive = [sequence.read(int(i)) for i in range(index - HISTORY, index + 1)]
+        images.append(builder.image_of(drive)[1].image[None].copy())
     if not any(image[:, 5:].any() for image in images):
         warnings.warn(f"{folder}: calibration data: no residual image shows anything", MosWarning, stacklevel=2)
     return images

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mos_model.data.augment import NONE, Augmentation, augment
 from mos_model.data.labels import label_classes
@@ -18,8 +18,12 @@ from runtime.bundle.residual import HISTORY, Residual
 from runtime.classes import CLASSES, MOVING, UNLABELLED
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
+from runtime.image.entry import Entry
+from runtime.image.history import Past
 from runtime.image.inputs import InputBuilder
+from runtime.recordings.poses import relative_pose
 from runtime.sensors.range_image import RangeImage
+from runtime.sensors.sensor import UNKNOWN_REACH
 
 VALIDATION_STREETS = 10_000_000  # seeds from here on are held out
 
@@ -32,11 +36,12 @@ class Frame(NamedTuple):
     classes: NDArray[np.uint8]  # (N,) 0 unlabelled, 1 static, 2 moving
 
 
-def make_frame(points: NDArray[np.float32], pose: NDArray[np.float64], classes: NDArray[np.uint8]) -> Frame:
-    """A frame of those points that have a direction."""
-    distance = np.abs(points[:, 0]) + np.abs(points[:, 1]) + np.abs(points[:, 2])
-    good = (distance > 0) & (distance < np.inf)
-    return Frame(points, pose, classes) if good.all() else Frame(points[good], pose, classes[good])
+def make_frame(scan: ArrayLike, pose: NDArray[np.float64], classes: NDArray[np.uint8], sensor: RangeImage) -> Frame:
+    """A frame of the points that take part, as a runner takes them in. See `runtime.image.entry`."""
+    entered = Entry(sensor.mean[4], UNKNOWN_REACH, Workers(1)).enter(scan)
+    if entered.takes_part.all():
+        return Frame(entered.points, pose, classes)
+    return Frame(entered.points[entered.takes_part], pose, classes[entered.takes_part])
 
 
 class Sample(NamedTuple):
@@ -89,12 +94,15 @@ def make_samples(
     if current is None:
         raise SettingError("the last frame of a sample must not be missing")
     past = list(reversed(frames[:-1]))
-    to_current = np.linalg.inv(current.pose)
-    relative = [None if frame is None else to_current @ frame.pose for frame in past]
+    relative = [None if frame is None else relative_pose(current.pose, frame.pose) for frame in past]
     scans = [None if frame is None else frame.points for frame in past]
     made = augment(current.points, current.classes, scans, relative, config.augmentation, rng)
     builder = InputBuilder(config.sensor, config.residual, Workers(1))
-    built = builder.build(made.points, made.past, made.relative)
+    befores = [
+        None if points is None or pose is None else Past(points, pose)
+        for points, pose in zip(made.past, made.relative, strict=True)
+    ]
+    built = builder.build(builder.enter(made.points), befores)
     labels = np.where(built.first < 0, np.uint8(UNLABELLED), made.labels[built.first])
     whole = Sample(built.image, labels, _NOWHERE, _NO_PIXEL, _NO_CLASS)
     if config.points:
@@ -156,7 +164,7 @@ class SimulatedStreets:
         samples: list[Sample] = []
         length = HISTORY + 1 + self.every * (self.frames - 1)
         for index, scan in enumerate(simulate(street, length, sensor=self.profile, movers=self.movers)):
-            history.append(make_frame(scan.points, scan.pose, label_classes(scan.labels)))
+            history.append(make_frame(scan.points, scan.pose, label_classes(scan.labels), self.samples.sensor))
             if index >= HISTORY and (index - HISTORY) % self.every == 0:
                 samples += make_samples(list(history), self.samples, rng, self.crops)
         return samples

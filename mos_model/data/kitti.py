@@ -22,6 +22,7 @@ from runtime.recordings.labels import LABEL_BYTES, read_labels
 from runtime.recordings.poses import Poses
 from runtime.recordings.scans import count_points, read_scan
 from runtime.recordings.sequence import open_sequence
+from runtime.sensors.range_image import RangeImage
 
 TRAIN = ("00", "01", "02", "03", "04", "05", "06", "07", "09", "10")
 VALIDATION = ("08",)
@@ -43,21 +44,21 @@ class Recording:
     labels: tuple[Path, ...]
     poses: Poses  # (len(scans), 4, 4) float64 T_world_lidar
 
-    def frame(self, index: int, labelled: bool = True) -> Frame:
+    def frame(self, index: int, sensor: RangeImage, labelled: bool = True) -> Frame:
         """Scan `index` with its classes (all unlabelled if not `labelled`). Raises ScanError or SequenceError."""
         points = read_scan(self.scans[index])
         classes = self.classes(index, len(points)) if labelled else np.full(len(points), UNLABELLED, np.uint8)
-        return make_frame(points, self.poses[index], classes)
+        return make_frame(points, self.poses[index], classes, sensor)
 
     def classes(self, index: int, points: int | None = None) -> NDArray[np.uint8]:
         """Classes (N,) of scan `index`; `points`: as many must be there."""
         path = self.labels[index]
         return label_classes(read_labels(path, points), str(path))
 
-    def history(self, index: int) -> list[Frame | None]:
+    def history(self, index: int, sensor: RangeImage) -> list[Frame | None]:
         """The scans before `index`, the oldest first (None before the start), then scan `index` itself."""
-        past = [self.frame(i, labelled=False) if i >= 0 else None for i in range(index - HISTORY, index)]
-        return [*past, self.frame(index)]
+        past = [self.frame(i, sensor, labelled=False) if i >= 0 else None for i in range(index - HISTORY, index)]
+        return [*past, self.frame(index, sensor)]
 
 
 def open_recording(folder: Path) -> Recording:
@@ -138,7 +139,8 @@ class RecordedFrames:
             position = epoch_order(self.seed, epoch, len(self.frames))[position]
         recording, index = self.frames[position]
         rng = np.random.default_rng((self.seed, 2, number))
-        return make_samples(self.recordings[recording].history(index), self.samples, rng, self.crops)
+        frames = self.recordings[recording].history(index, self.samples.sensor)
+        return make_samples(frames, self.samples, rng, self.crops)
 
 
 @lru_cache(maxsize=2)

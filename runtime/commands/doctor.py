@@ -55,10 +55,10 @@ def show_findings(folder: Path, findings: list["Finding"]) -> None:
 
 def _sensor(bundle: Path | None) -> "RangeImage | None":
     """The sensor that the bundle was made for; None where no bundle is given and none is installed."""
-    from runtime.bundle.manifest import load_bundle
+    from runtime.bundle.loading import load_bundle
 
     try:
-        return load_bundle(bundle).manifest.sensor
+        return load_bundle(bundle).manifest.sensor.range_image
     except BundleError:
         if bundle is not None:
             raise

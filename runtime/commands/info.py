@@ -10,7 +10,7 @@ import typer
 from runtime.commands.options import INSTALLED
 
 if TYPE_CHECKING:
-    from runtime.bundle.manifest import Bundle
+    from runtime.bundle.loading import Bundle
 
 
 def info(
@@ -19,7 +19,7 @@ def info(
     ] = None,
 ) -> None:
     """Show what a bundle is: network, sensor, files, agreement with PyTorch, accuracy."""
-    from runtime.bundle.manifest import load_bundle
+    from runtime.bundle.loading import load_bundle
 
     show_bundle(load_bundle(bundle))
 
@@ -34,14 +34,15 @@ def show_bundle(bundle: "Bundle") -> None:
 
     manifest = bundle.manifest
     sensor, residual, head = manifest.sensor, manifest.residual, manifest.point_head
-    decision = manifest.decision
+    image, decision = sensor.range_image, sensor.decision
     rows = {
         "bundle": f"{manifest.name}, format {manifest.format}",
         "folder": str(bundle.path.resolve()),
         "network": _words({key: value for key, value in manifest.model.items() if _plain(value)}),
         "features": f"{manifest.features} channels",
-        "sensor": f"{sensor.height} x {sensor.width} pixels, {sensor.fov_down:g} to {sensor.fov_up:g} deg",
-        "normalisation": f"means {_numbers(sensor.mean)}; stds {_numbers(sensor.std)}",
+        "sensor": f"{sensor.name}, {image.height} x {image.width} pixels, {image.fov_down:g} to {image.fov_up:g} deg, "
+        f"up to {sensor.reach:g} m",
+        "normalisation": f"means {_numbers(image.mean)}; stds {_numbers(image.std)}",
         "residuals": f"{residual.kind}, lags {_numbers(residual.lags)}, {residual.min_range:g} to "
         f"{residual.max_range:g} m",
         "point head": "none" if head is None else _words(asdict(head)),

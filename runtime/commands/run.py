@@ -60,7 +60,7 @@ def run(
     try:
         runner = MosRunner(bundle, threads=threads, postprocess=postprocess.value if postprocess else None)
         for folder, one in zip(folders, sequences, strict=True):
-            _warn_of_misfits(folder, runner.bundle.manifest.sensor, poses, calib, pose_frame)
+            _warn_of_misfits(folder, runner.bundle.manifest.sensor.range_image, poses, calib, pose_frame)
             show_summary(one.name, predict_with_progress(one, runner, out, overwrite))
     except (KeyboardInterrupt, SystemError) as error:
         if not is_interrupt(error):

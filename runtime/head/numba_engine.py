@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.compute.workers import Workers
-from runtime.head.refinement import DEFAULT_HALO, Floats, PointHead
+from runtime.head.refinement import Floats, PointHead
 from runtime.head.sparse.convolution import Layers, Packed, pack, padded
 from runtime.head.sparse.kernel_map import KernelMap, Scale, build_scales, neighbours, table_map, up_map
 from runtime.head.transfer import FeatureMap, classify, exchange
 from runtime.head.weights import checked, fold, layers
 
-__all__ = ["DEFAULT_HALO", "FeatureMap", "PointHeadEngine", "fold"]
+__all__ = ["FeatureMap", "PointHeadEngine", "fold"]
 
 
 class _Maps(NamedTuple):

@@ -20,13 +20,14 @@ in float32.
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.bundle.head_shape import PointHeadConfig
-from runtime.bundle.manifest import POINT_HEAD_ONNX, Bundle
+from runtime.bundle.loading import Bundle
+from runtime.bundle.manifest import POINT_HEAD_ONNX
 from runtime.compute.sessions import Provider, open_session, provider_name
 from runtime.compute.workers import Workers
 from runtime.errors import BundleError, InferenceError, SettingError
@@ -112,7 +113,7 @@ class OnnxHead(PointHead):
 def choose_head(
     bundle: Bundle,
     workers: Workers,
-    engine: Literal["auto", "numba", "onnx"] = "auto",
+    engine: str = "auto",
     providers: Sequence[Provider] | None = None,
     **settings: Any,
 ) -> PointHead:

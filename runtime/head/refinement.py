@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.bundle.head_shape import PointHeadConfig, receptive_field
+from runtime.bundle.manifest import Tuned
 from runtime.compute.arena import Arena
 from runtime.compute.workers import Workers
 from runtime.errors import InferenceError, ScanError, SettingError
@@ -17,7 +18,6 @@ from runtime.head.transfer import FeatureMap, features_to_voxels, to_points
 from runtime.head.voxels import voxelise
 
 WARM_UP = 200  # points a side of the wall that is refined at the start: more voxels than most scans have near movers
-DEFAULT_HALO = 0.6  # m around candidates: 99.7 % of labels as with all voxels, at a third of the cost
 
 Floats = NDArray[np.float32]
 
@@ -40,7 +40,7 @@ class PointHead(ABC):
         valid: NDArray[np.bool_],
         pixel_features: Floats | FeatureMap,
         candidates: NDArray[np.bool_] | None = None,
-        halo: float | Literal["exact"] = DEFAULT_HALO,
+        halo: float | Literal["exact"] = Tuned.halo,
     ) -> Floats:
         """Class probabilities (N, 3) of a scan's points; NaN for points that were not refined.
 

@@ -2,14 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.bundle.manifest import Bundle
+from runtime.bundle.loading import Bundle
 from runtime.compute.sessions import Provider, open_session
 from runtime.errors import BundleError, InferenceError
+
+
+class Seen(NamedTuple):
+    """What the image network says of an image."""
+
+    probabilities: NDArray[np.float32]  # (3, H, W) of unlabelled, static, moving
+    features: NDArray[np.float32]  # (c, H, W / s); s neighbours in a row share theirs: 1, but 2 for "rt"
 
 
 class ImageNet:
@@ -41,17 +48,17 @@ class ImageNet:
         """The image network of a bundle. Raises BundleError where it does not fit the manifest."""
         path, manifest = bundle.image_net(precision), bundle.manifest
         net = cls(path, **settings)
-        want = (1, 5 + len(manifest.residual.lags), manifest.sensor.height, manifest.sensor.width)
+        image = manifest.sensor.range_image
+        want = (1, 5 + len(manifest.residual.lags), image.height, image.width)
         if net.shape != want:
             raise BundleError(f"{path}: takes an image of shape {net.shape}, the manifest says {want}")
         if net.features != manifest.features:
             raise BundleError(f"{path}: gives {net.features} features, the manifest says {manifest.features}")
         return net
 
-    def run(self, image: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Probabilities (3, H, W) and features (c, H, W / s) of an image (channels, H, W), all f32.
+    def run(self, image: NDArray[np.float32]) -> Seen:
+        """What the network says of an image (channels, H, W) f32.
 
-        s neighbouring pixels of a row share their features; 1 but for "rt", whose stems halve the width.
         Raises InferenceError where the image does not fit, the network fails or gives values that are not finite.
         """
         if image.dtype != np.float32 or (1, *image.shape) != self.shape:
@@ -66,7 +73,7 @@ class ImageNet:
                 "the image network gave values that are not finite; the scan holds values far out of its training "
                 "data (remission? coordinates not in metres?), or the weights are damaged"
             )
-        return probabilities[0], features[0]
+        return Seen(probabilities[0], features[0])
 
 
 def _finite(values: NDArray[np.float32]) -> bool:

@@ -4,13 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from runtime.bundle.residual import Residual
 from runtime.compute.jit import fast_kernel
 from runtime.compute.workers import Workers
+from runtime.image.entry import Entered, Entry
+from runtime.image.history import History, Past
 from runtime.image.projection import nearest_range, pixel_scale, project_scan
 from runtime.sensors.range_image import RangeImage
+from runtime.sensors.sensor import UNKNOWN_REACH
 
 
 @dataclass(frozen=True)
@@ -20,7 +23,16 @@ class ImageInput:
     image: NDArray[np.float32]  # (5 + lags, H, W) range, x, y, z, remission normalised; residual images
     range_image: NDArray[np.float32]  # (H, W) m, range of the nearest point; 0 where the pixel is empty
     first: NDArray[np.int32]  # (H, W) index of the nearest point; -1 where the pixel is empty
-    pixel: NDArray[np.int32]  # (N,) v * W + u of every point; -1: none (at the origin or not finite)
+    pixel: NDArray[np.int32]  # (N,) v * W + u of every point; -1: takes no part
+    range: NDArray[np.float32]  # (N,) m; 0 where pixel is -1
+
+
+@dataclass(frozen=True)
+class Projected:
+    """The pixel of every point of a scan."""
+
+    scan: Entered
+    pixel: NDArray[np.int32]  # (N,) v * W + u; -1: takes no part
     range: NDArray[np.float32]  # (N,) m; 0 where pixel is -1
 
 
@@ -53,59 +65,88 @@ def _residual(current, image, signed):  # type: ignore[no-untyped-def]
 
 
 class InputBuilder:
-    """Builds network inputs with buffers that are reused from call to call. Not for concurrent calls."""
+    """Builds network inputs with buffers that are reused from call to call. Not for concurrent calls.
 
-    def __init__(self, sensor: RangeImage, residual: Residual, workers: Workers) -> None:
-        self.sensor, self.residual, self.workers = sensor, residual, workers
-        cells = sensor.height * sensor.width
+    The one way from scans to the network's input: of the runner, of training, calibration, parity and benchmarks.
+    """
+
+    def __init__(
+        self, range_image: RangeImage, residual: Residual, workers: Workers, reach: float = UNKNOWN_REACH
+    ) -> None:
+        """reach: m, of the sensor; farther points take no part."""
+        self.range_image, self.residual, self.workers = range_image, residual, workers
+        self._entry = Entry(range_image.mean[4], reach, workers)
+        self._scale = pixel_scale(range_image)
+        self._limits = np.float32(residual.min_range), np.float32(residual.max_range)
+        cells = range_image.height * range_image.width
         self._image = np.zeros((5 + len(residual.lags), cells), np.float32)
         self._nearest = np.empty(cells, np.float32)
         self._limited = np.empty(cells, np.float32)
         self._first = np.empty(cells, np.int32)
-        self._mean = np.asarray(sensor.mean, np.float32)
-        self._std = np.asarray(sensor.std, np.float32)
+        self._mean = np.asarray(range_image.mean, np.float32)
+        self._std = np.asarray(range_image.std, np.float32)
 
-    def build(
-        self,
-        points: NDArray[np.float32],
-        past: Sequence[NDArray[np.float32] | None],
-        relative: Sequence[NDArray[np.float64] | None],
-    ) -> ImageInput:
-        """Range image and residual images (paper, Sec. III-A).
+    def enter(self, scan: ArrayLike) -> Entered:
+        """Take in a scan, see `Entry.enter`."""
+        return self._entry.enter(scan)
 
-        points: (N, 4) f32 x, y, z in m and remission, LiDAR frame.
-        past: past[i] is the scan i + 1 steps back, (M, >=3) f32 in its own LiDAR frame, or None where there is none.
-        relative: relative[i] = T_current_past, (4, 4) f64, for each of them.
-        A lag without a scan gives an image of zeros.
+    def build(self, scan: Entered, past: Sequence[Past | None]) -> ImageInput:
+        """Range image and residual images of a scan (paper, Sec. III-A).
+
+        past: past[i] is the scan i + 1 steps back, or None where there is none: an image of zeros.
         """
-        shape = (self.sensor.height, self.sensor.width)
-        scale = pixel_scale(self.sensor)
-        limits = np.float32(self.residual.min_range), np.float32(self.residual.max_range)
-        pixel = np.empty(len(points), np.int32)
-        distance = np.empty(len(points), np.float32)
-        lags = [lag if lag <= len(past) and past[lag - 1] is not None else 0 for lag in self.residual.lags]
+        projected = self.project(scan, past)
+        return self.residuals(projected, past)
+
+    def project(self, scan: Entered, past: Sequence[Past | None]) -> Projected:
+        """Every point to its pixel (paper, eq. 1): those of the scan, and those of past scans as seen from it now."""
+        pixel = np.empty(len(scan), np.int32)
+        distance = np.empty(len(scan), np.float32)
+        befores = self._befores(past)
 
         def project_one(task: int) -> None:
             if task == 0:
-                project_scan(points, scale, *limits, pixel, distance, self._first, self._nearest, self._limited)
-            elif lag := lags[task - 1]:
-                transform = np.ascontiguousarray(relative[lag - 1][:3], np.float32)  # type: ignore[index]
-                nearest_range(past[lag - 1], transform, scale, *limits, self._image[4 + task])
+                images = self._first, self._nearest, self._limited
+                project_scan(scan.points, scan.takes_part, self._scale, *self._limits, pixel, distance, *images)
+            elif before := befores[task - 1]:
+                transform = np.ascontiguousarray(before.relative[:3], np.float32)
+                nearest_range(before.points, transform, self._scale, *self._limits, self._image[4 + task])
+
+        self.workers.each(project_one, 1 + len(befores))
+        return Projected(scan, pixel, distance)
+
+    def residuals(self, projected: Projected, past: Sequence[Past | None]) -> ImageInput:
+        """The network's input: the five normalised channels, and how ranges changed since each past scan (eq. 2)."""
+        shape = (self.range_image.height, self.range_image.width)
+        points, signed = projected.scan.points, self.residual.kind == "signed"
+        befores = self._befores(past)
 
         def finish_one(task: int) -> None:
             if task == 0:
                 _fill_channels(points, self._first, self._nearest, self._mean, self._std, self._image)
-            elif lags[task - 1]:
-                _residual(self._limited, self._image[4 + task], self.residual.kind == "signed")
+            elif befores[task - 1]:
+                _residual(self._limited, self._image[4 + task], signed)
             else:
                 self._image[4 + task] = 0
 
-        self.workers.each(project_one, 1 + len(lags))
-        self.workers.each(finish_one, 1 + len(lags))
+        self.workers.each(finish_one, 1 + len(befores))
         return ImageInput(
             image=self._image.reshape(-1, *shape),
             range_image=self._nearest.reshape(shape),
             first=self._first.reshape(shape),
-            pixel=pixel,
-            range=distance,
+            pixel=projected.pixel,
+            range=projected.range,
         )
+
+    def image_of(self, drive: Sequence[tuple[ArrayLike, NDArray[np.float64]]]) -> tuple[Entered, ImageInput]:
+        """The last scan of a drive, each with its pose T_world_lidar, and the input that a runner makes of it."""
+        *before, (scan, pose) = drive
+        history = History()
+        for earlier, its_pose in before:
+            history.add(self.enter(earlier), its_pose, None)
+        entered = self.enter(scan)
+        return entered, self.build(entered, history.past(pose))
+
+    def _befores(self, past: Sequence[Past | None]) -> list[Past | None]:
+        """The past scan of each lag."""
+        return [past[lag - 1] if lag <= len(past) else None for lag in self.residual.lags]

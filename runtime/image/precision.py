@@ -2,7 +2,8 @@
 
 from collections.abc import Collection, Sequence
 
-from runtime.bundle.manifest import IMAGE_NET, IMAGE_NET_INT8, Bundle
+from runtime.bundle.loading import Bundle
+from runtime.bundle.manifest import IMAGE_NET, IMAGE_NET_INT8
 from runtime.compute.processor import processor_features
 from runtime.errors import SettingError
 

@@ -10,10 +10,10 @@ from runtime.sensors.range_image import RangeImage
 BLOCK = 512  # points whose pixels are computed at a time, in loops that vectorise
 
 
-def pixel_scale(sensor: RangeImage) -> tuple[int, int, float, float]:
-    """(height, width, |fov_down| in rad, total field of view in rad): what the kernels need of a sensor."""
-    up, down = math.radians(sensor.fov_up), math.radians(sensor.fov_down)
-    return sensor.height, sensor.width, -down, up - down
+def pixel_scale(image: RangeImage) -> tuple[int, int, float, float]:
+    """(height, width, |fov_down| in rad, total field of view in rad): what the kernels need of a range image."""
+    up, down = math.radians(image.fov_up), math.radians(image.fov_down)
+    return image.height, image.width, -down, up - down
 
 
 @inlined
@@ -112,10 +112,10 @@ def nearest_range(points, transform, scale, min_range, max_range, nearest):  # t
 
 
 @fast_kernel
-def project_scan(points, scale, min_range, max_range, pixel, distance, first, nearest, limited):  # type: ignore[no-untyped-def]
-    """Project the current scan, points (N, 4) f32.
+def project_scan(points, takes_part, scale, min_range, max_range, pixel, distance, first, nearest, limited):  # type: ignore[no-untyped-def]
+    """Project the current scan, points (N, 4) f32, of which those with takes_part (N,) bool count.
 
-    Writes for every point pixel (N,) int32 (-1: at the origin, or not finite, remission too) and distance (N,) f32 m;
+    Writes for every point pixel (N,) int32 (-1: takes no part) and distance (N,) f32 m;
     for every pixel first (H * W) int32, the nearest point (-1: none), nearest (H * W) f32 m, its range (infinity:
     none), and limited, the same of only the points with min_range < r < max_range.
     """
@@ -130,7 +130,7 @@ def project_scan(points, scale, min_range, max_range, pixel, distance, first, ne
         stop = min(start + BLOCK, count)
         project_block(points[start:stop], identity, scale, xyz, pixel[start:stop], distance[start:stop])
         for i in range(start, stop):
-            if not np.isfinite(points[i, 3]):
+            if not takes_part[i]:
                 pixel[i], distance[i] = -1, np.float32(0)
             cell = pixel[i]
             if cell >= 0:

@@ -95,7 +95,7 @@ class Live:
         return self._runner(*self._read(index)).moving
 
     def _read(self, index: int) -> tuple[Scan, Pose]:
-        return self._sequence.read(index, remission_fill=self._runner.bundle.manifest.sensor.mean[4])
+        return self._sequence.read(index, remission_fill=self._runner.bundle.manifest.sensor.range_image.mean[4])
 
 
 def snapshots(sequence: "Recording", systems: Sequence[System], indices: Iterable[int]) -> Iterator[Snapshot]:

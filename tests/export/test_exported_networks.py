@@ -10,7 +10,7 @@ from export.graph.image_graph import image_bytes
 from mos_model.networks.config import named_config
 from mos_model.networks.network import build_image_network, build_point_head
 from runtime.bundle.head_shape import FULL, LITE
-from runtime.bundle.manifest import Bundle
+from runtime.bundle.loading import Bundle
 from runtime.compute.sessions import open_session
 from runtime.compute.workers import Workers
 from runtime.head.numba_engine import PointHeadEngine

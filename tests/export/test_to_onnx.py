@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from export import to_onnx
-from runtime.bundle.manifest import load_bundle
+from runtime.bundle.loading import load_bundle
 from runtime.commands.handler import run_alone
 from runtime.errors import CheckpointError
 from tests.support.paths import ROOT, TINY
@@ -38,7 +38,7 @@ def test_the_script_exports_from_a_checkout(tmp_path):
     assert ", as ONNX graph" in done.stdout
     assert "not trained" in done.stdout
     manifest = load_bundle(out).manifest
-    assert (manifest.sensor.height, manifest.sensor.width) == (32, 128)
+    assert (manifest.sensor.range_image.height, manifest.sensor.range_image.width) == (32, 128)
     assert {entry.precision for entry in manifest.files.values()} == {"float32"}
 
 

@@ -29,7 +29,7 @@ def bundle(made, tmp_path_factory):
     runner = MosRunner(folder, threads=1, postprocess="none")
     probabilities = [runner(*sequence.read(i)).probability for i in range(COUNT)]
     manifest = json.loads((folder / "manifest.json").read_text())
-    manifest["decision"]["threshold"] = float(np.median(np.concatenate(probabilities)))
+    manifest["sensors"][0]["decision"]["threshold"] = float(np.median(np.concatenate(probabilities)))
     (folder / "manifest.json").write_text(json.dumps(manifest))
     return folder
 

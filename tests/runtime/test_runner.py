@@ -13,6 +13,7 @@ import pytest
 from runtime import MosRunner, MosWarning
 from runtime.compute.sessions import available_providers
 from runtime.errors import BundleError, InferenceError, PoseError, ProviderError, ScanError, SettingError
+from runtime.settings import RunnerSettings
 from tests.support import street
 from tests.support.paths import BUNDLE, ROOT
 
@@ -99,14 +100,59 @@ def test_points_without_place(runner):
     scan[3, :3] = 0
     scan[5, 0] = np.nan
     scan[6, 2] = np.inf
-    scan[8, 3] = np.nan  # remission alone
+    scan[8, 0] = 3e5  # 300 km away, beyond the sensor's reach
+    scan[9, 1] = -1e30
+    nowhere = [3, 5, 6, 8, 9]
     result = run(runner, [*frames[:-1], (scan, frames[-1][1])])[-1]
-    assert not result.moving[[3, 5, 6, 8]].any()
-    assert (result.probability[[3, 5, 6, 8]] == 0).all()
+    assert not result.moving[nowhere].any()
+    assert (result.probability[nowhere] == 0).all()
     assert np.isfinite(result.probability).all()
-    rest = np.delete(scan, [3, 5, 6, 8], axis=0)
+    rest = np.delete(scan, nowhere, axis=0)
     without = run(runner, [*frames[:-1], (rest, frames[-1][1])])[-1]
-    np.testing.assert_array_equal(np.delete(result.probability, [3, 5, 6, 8]), without.probability)
+    np.testing.assert_array_equal(np.delete(result.probability, nowhere), without.probability)
+
+
+def test_a_senseless_return_raises_nothing_where_something_may_move():
+    """The point head has to look at every point: what may move beside a return 300 km away."""
+    from runtime.bundle.manifest import Tuned
+
+    frames = drive(9)
+    scan = frames[-1][0].copy()
+    scan[7, :3] = 3e5, 0, 0
+    with MosRunner(BUNDLE, threads=1, postprocess="head") as runner:
+        runner._refiner._tuned = Tuned(candidate=0.0)
+        result = run(runner, [*frames[:-1], (scan, frames[-1][1])])[-1]
+    assert result.probability[7] == 0
+    assert not result.moving[7]
+    assert result.probability.any()
+
+
+def test_remission_that_is_not_finite_is_missing_and_the_point_stays(runner):
+    frames = drive(9)
+    scan, filled = frames[-1][0].copy(), frames[-1][0].copy()
+    scan[4:40:3, 3] = np.nan, *[np.inf, -np.inf, np.nan] * 3, np.nan, np.inf
+    filled[4:40:3, 3] = runner.bundle.manifest.sensor.range_image.mean[4]
+    got, want = (run(runner, [*frames[:-1], (one, frames[-1][1])])[-1] for one in (scan, filled))
+    np.testing.assert_array_equal(got.probability, want.probability)
+    assert want.probability[4:40:3].all()
+
+
+def test_a_closed_runner_says_so():
+    frames = drive(2)
+    with MosRunner(BUNDLE, threads=2) as runner:
+        runner(*frames[0])
+    for call in (runner, runner.remember):
+        with pytest.raises(InferenceError, match="closed"):
+            call(*frames[1])
+
+
+def test_settings_are_one_object_and_unknown_ones_are_refused():
+    settings = RunnerSettings(threads=1, refine="all")
+    with MosRunner(BUNDLE, settings=settings, postprocess="knn") as runner:
+        assert runner.settings == RunnerSettings(threads=1, refine="all", postprocess="knn")
+        assert (runner.postprocess, runner.workers.threads) == ("knn", 1)
+    with pytest.raises(SettingError, match="no setting thread; there are threads, postprocess"):
+        MosRunner(BUNDLE, thread=1)
 
 
 def test_places_do_not_depend_on_bad_points_before(runner):
@@ -115,7 +161,7 @@ def test_places_do_not_depend_on_bad_points_before(runner):
     want = run(runner, frames)[-1].probability
     bad = np.full((50, 4), np.nan, np.float32)
     bad[::2] = 0
-    bad[1::4] = 4, 3, 0, np.inf
+    bad[1::4] = 4, 3e5, 0, 0.5
     worse = [(np.concatenate([scan, bad]), pose) for scan, pose in frames[:-1]]
     np.testing.assert_array_equal(run(runner, [*worse, frames[-1]])[-1].probability, want)
 
@@ -181,11 +227,10 @@ runner = MosRunner({str(BUNDLE)!r}, postprocess="head", threads=1)
 modules = decision, history, kernel_map, projection, sparse_kernel, transfer, voxels
 kernels = [k for m in modules for k in vars(m).values() if hasattr(k, "signatures") and k.__module__ == m.__name__]
 before = [len(kernel.signatures) for kernel in kernels]
-runner._head.config  # there is one
+runner._refiner.head.config  # there is one
 wall = np.stack(np.broadcast_arrays(10.0, np.linspace(-9, 9, 400), 0.1, 0.5), 1).astype(np.float32)
-from runtime import runner as module
-from tests.support.paths import BUNDLE, ROOT
-module.CANDIDATE = -1.0
+from runtime.bundle.manifest import Tuned
+runner._refiner._tuned = Tuned(candidate=0.0)
 runner(wall, np.eye(4))
 late = [kernel.__name__ for kernel, n in zip(kernels, before) if len(kernel.signatures) != n]
 assert not late, late
@@ -213,7 +258,7 @@ def test_one_point_and_many(runner):
 
 def test_without_remission_is_mean_remission(runner):
     frames = drive(3)
-    mean = runner.bundle.manifest.sensor.mean[4]
+    mean = runner.bundle.manifest.sensor.range_image.mean[4]
     filled = []
     for scan, pose in frames:
         scan = scan.copy()

@@ -21,7 +21,7 @@ from export.to_onnx import export
 from mos_model.networks.checkpoint import save
 from mos_model.simulator import simulate
 from mos_model.simulator.write import write_dataset
-from runtime.bundle.manifest import load_bundle
+from runtime.bundle.loading import load_bundle
 from runtime.bundle.residual import Residual
 from runtime.commands.handler import run_alone
 from runtime.errors import MosWarning, QuantisationError, ScanError, SequenceError, SettingError

@@ -42,11 +42,8 @@ def history(count: int = 9, points: int = 4000) -> list[Frame]:
 def test_image_is_the_runtimes_and_labels_are_those_of_the_nearest_points():
     frames = history()
     (sample,) = make_samples(frames, replace(CONFIG, points=True), np.random.default_rng(0))
-    now = np.linalg.inv(frames[-1].pose)
-    past = frames[-2::-1]
-    built = InputBuilder(SENSOR, CONFIG.residual, Workers(1)).build(
-        frames[-1].points, [f.points for f in past], [now @ f.pose for f in past]
-    )
+    builder = InputBuilder(SENSOR, CONFIG.residual, Workers(1))
+    _, built = builder.image_of([(frame.points, frame.pose) for frame in frames])
     assert np.array_equal(sample.image, built.image)
     assert np.array_equal(sample.pixel, built.pixel)
     assert np.array_equal(sample.xyz, frames[-1].points[:, :3])
@@ -122,7 +119,7 @@ def test_points_without_direction_are_left_out():
     points[1, :3] = 0
     points[2, 0] = np.nan
     points[3, 1] = np.inf
-    frame = make_frame(points, np.eye(4), np.arange(5, dtype=np.uint8))
+    frame = make_frame(points, np.eye(4), np.arange(5, dtype=np.uint8), SENSOR)
     assert np.array_equal(frame.classes, [0, 4])
     assert frame.points.shape == (2, 4)
 

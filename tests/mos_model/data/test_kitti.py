@@ -23,7 +23,7 @@ def root(tmp_path):
 
 def test_a_frame(root):
     (recording,) = kitti.open_recordings(root, ["00"])
-    frame = recording.frame(3)
+    frame = recording.frame(3, SENSOR)
     scan = np.fromfile(recording.scans[3], np.float32).reshape(-1, 4)
     assert np.array_equal(frame.points, scan[:-1])  # the point at the origin is left out
     assert np.array_equal(frame.classes, [2] * 120 + [1] * 175 + [0] * 4)
@@ -32,7 +32,7 @@ def test_a_frame(root):
 
 def test_history_begins_with_the_recording(root):
     (recording,) = kitti.open_recordings(root, ["00"])
-    frames = recording.history(2)
+    frames = recording.history(2, SENSOR)
     assert [frame is None for frame in frames] == [True] * 6 + [False] * 3
     assert [frame.pose[0, 3] for frame in frames[6:]] == pytest.approx([0, 1, 2])
     (sample,) = kitti.validation_frames(CONFIG, [recording]).group(2)

@@ -1,5 +1,6 @@
 """Bundles: the tiny one loads, and everything that can be wrong with one is said."""
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -8,11 +9,13 @@ import numpy as np
 import pytest
 
 from runtime import MosRunner
-from runtime.bundle import manifest as module
-from runtime.bundle.manifest import default_bundle_path, load_bundle
+from runtime.bundle import loading as module
+from runtime.bundle.loading import default_bundle_path, load_bundle
+from runtime.bundle.manifest import parse_manifest
 from runtime.errors import BundleError
 from runtime.head.weights import checked
-from tests.support.paths import BUNDLE
+from runtime.sensors.sensor import UNKNOWN_REACH
+from tests.support.paths import BUNDLE, DATA
 
 
 @pytest.fixture
@@ -33,7 +36,7 @@ def edit(folder, change):
 def test_the_tiny_bundle_loads():
     bundle = load_bundle(BUNDLE)
     manifest = bundle.manifest
-    assert (manifest.name, manifest.sensor.height, manifest.sensor.width) == ("tiny", 64, 256)
+    assert (manifest.name, manifest.sensor.range_image.height, manifest.sensor.range_image.width) == ("tiny", 64, 256)
     assert manifest.classes == ("unlabelled", "static", "moving")
     assert manifest.residual.lags == tuple(range(1, 9))
     assert manifest.weights["trained"] is False
@@ -101,14 +104,22 @@ def test_a_manifest_that_is_none_is_an_error(folder, text):
 
 
 def test_formats_of_other_versions_say_what_to_do(folder):
-    with pytest.raises(BundleError, match=r"format 2, .* update lidar-mos"):
-        load_bundle(edit(folder, lambda values: values.update(format=2, unheard_of=1)))
+    with pytest.raises(BundleError, match=r"format 3, .* update lidar-mos"):
+        load_bundle(edit(folder, lambda values: values.update(format=3, unheard_of=1)))
     with pytest.raises(BundleError, match="export the checkpoint again"):
         load_bundle(edit(folder, lambda values: values.update(format=0)))
 
 
 def sub(key, **values):
     return lambda manifest: manifest[key].update(values)
+
+
+def sensor(**values):
+    return lambda manifest: manifest["sensors"][0].update(values)
+
+
+def image(**values):
+    return lambda manifest: manifest["sensors"][0]["range_image"].update(values)
 
 
 def file(name="image_net.onnx", **values):
@@ -119,8 +130,9 @@ def file(name="image_net.onnx", **values):
     ("change", "message"),
     [
         (lambda m: m.update(colour="red"), "unknown entry colour"),
-        (lambda m: m.pop("sensor"), "sensor"),
-        (lambda m: m.update(sensor=None), "sensor"),
+        (lambda m: m.pop("sensors"), "has no sensors"),
+        (lambda m: m.update(sensors=None), "sensors"),
+        (lambda m: m.update(sensors=[]), "lists no sensor"),
         (lambda m: m.update(files={}), "no image network"),
         (lambda m: m.update(classes=["static", "moving"]), "classes are"),
         (lambda m: m.update(point_head=None), "must both be there, or neither"),
@@ -128,15 +140,24 @@ def file(name="image_net.onnx", **values):
         (lambda m: m.update(features=8), "takes 4 features, the image network gives 8"),
         (lambda m: m.update(postprocess="guess"), "postprocess 'guess'"),
         (lambda m: m["files"].update({"../x": m["files"]["image_net.onnx"]}), "not one that a bundle holds"),
-        (sub("sensor", height=63), "multiple of 16"),
-        (sub("sensor", height="64"), "height"),
-        (sub("sensor", beams=64), "unknown entry beams"),
+        (image(height=63), "multiple of 16"),
+        (image(height="64"), "height: must be a whole number"),
+        (image(beams=64), "unknown entry beams"),
+        (image(height=64.0), "height: must be a whole number"),
+        (image(height=True), "height: must be a whole number"),
+        (image(fov_up=float("nan")), "holds NaN"),
+        (image(fov_up=10**400), "finite"),
+        (image(mean=[1, 2, "3", 4, 5]), r"mean\[2\]: must be a number"),
+        (sensor(reach=-1), "reach"),
+        (sensor(name=5), "name: must be a text"),
+        (sub("tuned", candidate=1), "candidate"),
+        (sub("tuned", halo="wide"), "halo"),
         (sub("residual", lags=[3, 2]), "lags"),
         (sub("residual", lags=9), "residual"),
         (sub("point_head", reduce="max"), "reduce"),
         (sub("point_head", down=8), "point_head"),
-        (sub("decision", threshold=2), "threshold"),
-        (sub("decision", threshold="high"), "threshold"),
+        (sensor(decision={"threshold": 2}), "threshold"),
+        (sensor(decision={"threshold": "high"}), "threshold"),
         (file(precision="int8"), "precision 'int8', not float32 or float16"),
         (file(bytes=None), "image_net.onnx"),
         (file(colour="red"), "unknown entry colour"),
@@ -145,6 +166,16 @@ def file(name="image_net.onnx", **values):
 def test_every_contradiction_of_a_manifest_is_an_error(folder, change, message):
     with pytest.raises(BundleError, match=message):
         load_bundle(edit(folder, change))
+
+
+def test_a_manifest_of_format_1_loads():
+    """The shipped one before format 2: its reach is unknown, what was in code are the defaults."""
+    old = parse_manifest(json.loads((DATA / "manifest_format_1.json").read_text()), "old")
+    new = load_bundle().manifest
+    assert old.sensor.reach == UNKNOWN_REACH
+    entry = dataclasses.replace(old.sensor, reach=new.sensor.reach)
+    assert (old.format, old.network, entry) == (2, "rt", new.sensor)
+    assert (old.tuned, old.files, old.residual, old.point_head) == (new.tuned, new.files, new.residual, new.point_head)
 
 
 def test_broken_weights_of_the_point_head_are_an_error(folder):
@@ -166,7 +197,7 @@ def test_pickles_in_the_weights_are_refused(folder):
 
 
 def test_without_a_default_bundle_the_error_says_how_to_pass_one(monkeypatch, tmp_path):
-    monkeypatch.setattr(module, "__file__", str(tmp_path / "runtime" / "bundle" / "manifest.py"))
+    monkeypatch.setattr(module, "__file__", str(tmp_path / "runtime" / "bundle" / "loading.py"))
     with pytest.raises(BundleError, match=r"pass one, MosRunner\('path/to/bundle'\)"):
         default_bundle_path()
     with pytest.raises(BundleError, match="no default bundle"):
@@ -175,13 +206,13 @@ def test_without_a_default_bundle_the_error_says_how_to_pass_one(monkeypatch, tm
 
 @pytest.mark.parametrize("place", ["runtime/default_bundle", f"models/{module.DEFAULT_BUNDLE}"])
 def test_the_default_bundle_is_found(monkeypatch, tmp_path, place):
-    monkeypatch.setattr(module, "__file__", str(tmp_path / "runtime" / "bundle" / "manifest.py"))
+    monkeypatch.setattr(module, "__file__", str(tmp_path / "runtime" / "bundle" / "loading.py"))
     found = shutil.copytree(BUNDLE, tmp_path / place)
     assert default_bundle_path().samefile(found)
 
 
 def test_a_default_bundle_without_training_is_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr(module, "__file__", str(tmp_path / "runtime" / "bundle" / "manifest.py"))
+    monkeypatch.setattr(module, "__file__", str(tmp_path / "runtime" / "bundle" / "loading.py"))
     shutil.copytree(BUNDLE, tmp_path / "runtime" / "default_bundle")
     for load in (load_bundle, MosRunner):
         with pytest.raises(BundleError, match="not trained"):

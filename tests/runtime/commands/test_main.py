@@ -147,14 +147,16 @@ def test_warnings_are_lines_too(tmp_path, capsys):
 
 def test_info_tells_nested_and_absent_values(capsys):
     from runtime.bundle.head_shape import LITE
-    from runtime.bundle.manifest import Bundle, FileEntry, Manifest
+    from runtime.bundle.loading import Bundle
+    from runtime.bundle.manifest import FileEntry, Manifest, SensorEntry
     from runtime.bundle.residual import Residual
     from runtime.commands.info import show_bundle
     from runtime.sensors.range_image import RangeImage
 
     manifest = Manifest(
         name="x",
-        sensor=RangeImage(),
+        network="dual",
+        sensors=(SensorEntry("hdl64e", RangeImage()),),
         residual=Residual(),
         features=32,
         point_head=LITE,

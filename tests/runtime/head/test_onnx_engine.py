@@ -12,7 +12,7 @@ import pytest
 
 from runtime import MosRunner
 from runtime.bundle.head_shape import FULL, LITE
-from runtime.bundle.manifest import load_bundle
+from runtime.bundle.loading import load_bundle
 from runtime.compute.sessions import CPU
 from runtime.compute.workers import Workers
 from runtime.errors import BundleError, ProviderError, SettingError
@@ -123,7 +123,7 @@ def test_scales_of_the_joins():
 @pytest.mark.parametrize("refine", ["near", "all"])
 def test_a_runner_gives_the_same_with_either_engine(refine):
     runners = [MosRunner(BUNDLE, threads=2, refine=refine, head_engine=engine) for engine in ("auto", "numba", "onnx")]
-    assert [type(runner._head) for runner in runners] == [PointHeadEngine, PointHeadEngine, OnnxHead]
+    assert [type(runner._refiner.head) for runner in runners] == [PointHeadEngine, PointHeadEngine, OnnxHead]
     for frame in drive(10):
         first, *others = (runner(*frame) for runner in runners)
         for other in others:

@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from runtime.bundle.manifest import load_bundle
+from runtime.bundle.loading import load_bundle
 from runtime.compute.sessions import CPU
 from runtime.errors import BundleError, InferenceError
 from runtime.image.image_net import ImageNet
@@ -73,9 +73,10 @@ def test_an_image_that_does_not_fit_is_an_error(net, given):
 
 def test_a_network_that_is_not_what_the_manifest_says_is_an_error(tmp_path):
     bundle = load_bundle(shutil.copytree(BUNDLE, tmp_path / "bundle"))
-    sensor = dataclasses.replace(bundle.manifest.sensor, width=512)
+    image = dataclasses.replace(bundle.manifest.sensor.range_image, width=512)
+    sensor = dataclasses.replace(bundle.manifest.sensor, range_image=image)
     for manifest, message in (
-        (dataclasses.replace(bundle.manifest, sensor=sensor), r"shape \(1, 13, 64, 256\), the manifest says"),
+        (dataclasses.replace(bundle.manifest, sensors=(sensor,)), r"shape \(1, 13, 64, 256\), the manifest says"),
         (dataclasses.replace(bundle.manifest, features=8), "gives 4 features, the manifest says 8"),
     ):
         with pytest.raises(BundleError, match=message):

@@ -6,6 +6,7 @@ import pytest
 from runtime.bundle.residual import Residual
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
+from runtime.image.history import Past
 from runtime.image.inputs import InputBuilder
 from runtime.sensors.range_image import RangeImage
 from tests.support.paths import SHARED
@@ -36,6 +37,12 @@ def pose(seed: int, far: float = 0.0) -> np.ndarray:
     return t
 
 
+def build(builder, points, past, relative):
+    """The input of a scan and those before it, each with its T_current_past."""
+    befores = [None if scan is None else Past(scan, pose) for scan, pose in zip(past, relative, strict=True)]
+    return builder.build(builder.enter(points), befores)
+
+
 @pytest.mark.parametrize("shape", [(64, 2048), (32, 1024), (128, 1024), (16, 16)])
 @pytest.mark.parametrize("kind", ["absolute", "signed"])
 @pytest.mark.parametrize("threads", [1, 2])
@@ -45,7 +52,7 @@ def test_input_equals_reference(shape, kind, threads):
     points = street(0)
     past = [street(i) for i in range(1, 9)]
     relative = [pose(i) for i in range(1, 9)]
-    got = InputBuilder(sensor, residual, Workers(threads)).build(points, past, relative)
+    got = build(InputBuilder(sensor, residual, Workers(threads)), points, past, relative)
     want = input_image(points, past, relative, sensor, residual)
     differs = (np.abs(got.image - want) > 1e-3 * (1 + np.abs(want))).any(axis=0)
     assert differs.sum() <= max(2, 1e-4 * differs.size)
@@ -55,7 +62,7 @@ def test_input_equals_reference(shape, kind, threads):
 def test_every_point_keeps_its_pixel():
     sensor = RangeImage()
     points = street(5)
-    got = InputBuilder(sensor, Residual(), Workers(2)).build(points, [], [])
+    got = build(InputBuilder(sensor, Residual(), Workers(2)), points, [], [])
     want = np.array([project_point(*p[:3].astype(np.float64), sensor) for p in points])
     u, v = columns_and_rows(got.pixel, sensor.width)
     assert (u != want[:, 0]).sum() + (v != want[:, 1]).sum() <= 1
@@ -79,7 +86,7 @@ def test_every_point_keeps_its_pixel():
     ],
 )
 def test_corners_of_the_projection(point, u, v):
-    got = InputBuilder(RangeImage(), Residual(), Workers(1)).build(np.array([[*point, 0]], np.float32), [], [])
+    got = build(InputBuilder(RangeImage(), Residual(), Workers(1)), np.array([[*point, 0]], np.float32), [], [])
     assert got.pixel.tolist() == [v * 2048 + u]
 
 
@@ -90,7 +97,7 @@ def test_points_without_direction_have_no_pixel():
     points[9, 2] = np.inf
     points[11, 0] = -np.inf
     points[13, :3] = 3e38  # the norm overflows
-    got = InputBuilder(RangeImage(), Residual(), Workers(1)).build(points, [points], [np.eye(4)])
+    got = build(InputBuilder(RangeImage(), Residual(), Workers(1)), points, [points], [np.eye(4)])
     assert set(np.flatnonzero(got.pixel < 0)) == {3, 7, 9, 11, 13}
     assert (got.range[got.pixel < 0] == 0).all()
     assert np.isfinite(got.image).all()
@@ -102,14 +109,14 @@ def test_residual_by_hand():
     back = np.eye(4)
     back[0, 3] = 1.0  # the past scan was taken 1 m ahead
     for kind, want in (("absolute", 0.3), ("signed", 0.3)):
-        image = (
-            InputBuilder(RangeImage(), Residual(lags=(1,), kind=kind), Workers(1)).build(now, [before], [back]).image
-        )
+        image = build(
+            InputBuilder(RangeImage(), Residual(lags=(1,), kind=kind), Workers(1)), now, [before], [back]
+        ).image
         assert image[5, 6, 1024] == pytest.approx(want, rel=1e-6)
         assert (image[5] != 0).sum() == 1
     nearer = np.array([[5, 0, 0, 0]], np.float32)
-    signed = InputBuilder(RangeImage(), Residual(lags=(1,), kind="signed"), Workers(1)).build(
-        now, [nearer], [np.eye(4)]
+    signed = build(
+        InputBuilder(RangeImage(), Residual(lags=(1,), kind="signed"), Workers(1)), now, [nearer], [np.eye(4)]
     )
     assert signed.image[5, 6, 1024] == pytest.approx(-0.5)
 
@@ -117,18 +124,18 @@ def test_residual_by_hand():
 def test_a_lag_without_scan_is_zero_and_buffers_hold_no_past():
     builder = InputBuilder(RangeImage(), Residual(), Workers(2))
     points, past = street(0), [street(i) for i in range(1, 9)]
-    assert (builder.build(points, past, [np.eye(4)] * 8).image[5:] != 0).any(axis=(1, 2)).all()
-    image = builder.build(points, [past[0], None], [np.eye(4), None]).image
+    assert (build(builder, points, past, [np.eye(4)] * 8).image[5:] != 0).any(axis=(1, 2)).all()
+    image = build(builder, points, [past[0], None], [np.eye(4), None]).image
     assert (image[5] != 0).any()
     assert (image[6:] == 0).all()
 
 
 def test_empty_and_single():
     builder = InputBuilder(RangeImage(), Residual(), Workers(2))
-    empty = builder.build(np.empty((0, 4), np.float32), [np.empty((0, 3), np.float32)], [np.eye(4)])
+    empty = build(builder, np.empty((0, 4), np.float32), [np.empty((0, 3), np.float32)], [np.eye(4)])
     assert (empty.image == 0).all()
     assert empty.pixel.shape == (0,)
-    one = builder.build(np.array([[5, 0, 0, 0.5]], np.float32), [], [])
+    one = build(builder, np.array([[5, 0, 0, 0.5]], np.float32), [], [])
     assert (one.range_image > 0).sum() == 1
 
 
@@ -136,7 +143,7 @@ def test_inputs_are_not_written():
     points = street(0)
     points.setflags(write=False)
     before = points.copy()
-    InputBuilder(RangeImage(), Residual(), Workers(2)).build(points, [points], [np.eye(4)])
+    build(InputBuilder(RangeImage(), Residual(), Workers(2)), points, [points], [np.eye(4)])
     np.testing.assert_array_equal(points, before)
 
 
@@ -163,7 +170,7 @@ def test_real_input():
     frames = [sequence.read(i) for i in range(12, 21)]
     (points, now), past = frames[-1], frames[-2::-1]
     relative = [np.linalg.inv(now) @ before for _, before in past]
-    got = InputBuilder(RangeImage(), Residual(), Workers(2)).build(points, [scan for scan, _ in past], relative)
+    got = build(InputBuilder(RangeImage(), Residual(), Workers(2)), points, [scan for scan, _ in past], relative)
     want = np.load(SHARED / "published/input_90_000020.npz")
     for channel in range(13):
         differs = np.abs(got.image[channel] - want["input"][channel]) > 1e-4

@@ -34,7 +34,8 @@ class CountingRunner:
             name = "counting"
 
             class sensor:
-                mean = (0.0,) * 5
+                class range_image:
+                    mean = (0.0,) * 5
 
     def __init__(self):
         self.scans = []

@@ -1,0 +1,47 @@
+"""The settings of `MosRunner`, which `mos run` offers by the same names."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+from runtime.errors import SettingError
+
+CHOICES = {
+    "postprocess": ("none", "knn", "head"),
+    "refine": ("near", "all"),
+    "head_engine": ("auto", "numba", "onnx"),
+    "precision": ("auto", "float32", "int8"),
+}
+
+
+@dataclass(frozen=True)
+class RunnerSettings:
+    """How a bundle is run. Raises SettingError for a value that there is not."""
+
+    threads: int | None = None  # of the kernels and of ONNX Runtime; None: all processors that this process may use
+    # "head": the point head refines points; "knn": they vote; "none": they take their pixel's; None: as the bundle says
+    postprocess: str | None = None
+    refine: str = "near"  # the point head looks "near" points that may move (others keep their pixel's), or at "all"
+    # of the point head: "numba" on the processor, "onnx" on `providers`; "auto": "onnx" on a GPU's provider where the
+    # bundle has `point_head.onnx`, else "numba"
+    head_engine: str = "auto"
+    # of the image network: "float32", "int8", or "auto": INT8 where the bundle has it and the processor gains from it
+    precision: str = "auto"
+    providers: Sequence[Any] | None = None  # of ONNX Runtime, best first, each a name or (name, options); None: the CPU
+    allow_fallback: bool = False  # a provider that is not there is left out with a warning, instead of an error
+    session_options: Mapping[str, str] = field(default_factory=dict)  # of ONNX Runtime's session configuration
+
+    def __post_init__(self) -> None:
+        for name, known in CHOICES.items():
+            value = getattr(self, name)
+            if value not in known and not (name == "postprocess" and value is None):
+                raise SettingError(f"{name} must be one of {', '.join(known)}, not {value!r}")
+        if isinstance(self.providers, str):
+            raise SettingError(f"providers must be a list of names, as [{self.providers!r}]")
+
+    def changed(self, changes: Mapping[str, Any]) -> "RunnerSettings":
+        """These settings but for some. Raises SettingError for a name that there is not."""
+        names = [one.name for one in fields(self)]
+        if unknown := [name for name in changes if name not in names]:
+            raise SettingError(f"there is no setting {', '.join(unknown)}; there are {', '.join(names)}")
+        return replace(self, **changes)
