@@ -4,17 +4,11 @@ import os
 import platform
 from typing import Any
 
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-
-from runtime.compute.jit import compiled, kernel
+from runtime.compute.jit import compiled, ir, kernel, types
 
 _PATIENCE = 2000  # looks at a counter before the processor is offered to other threads
 _INDEX = ir.IntType(64)
 _ON_X86 = platform.machine().lower() in ("x86_64", "amd64")
-
-declared: Any = cgutils.get_or_insert_function
 
 
 @compiled
@@ -45,7 +39,7 @@ def _pause(context):  # type: ignore[no-untyped-def]
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
         if _ON_X86:
             kind = ir.FunctionType(ir.VoidType(), [])
-            builder.call(declared(builder.module, kind, "llvm.x86.sse2.pause"), [])
+            builder.call(_declared(builder.module, "llvm.x86.sse2.pause", kind), [])
         return context.get_dummy_value()
 
     return types.void(), generate
@@ -57,11 +51,17 @@ def _yield(context):  # type: ignore[no-untyped-def]
 
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
         if os.name == "posix":
-            call = declared(builder.module, ir.FunctionType(ir.IntType(32), []), "sched_yield")
-            builder.call(call, [])
+            kind = ir.FunctionType(ir.IntType(32), [])
+            builder.call(_declared(builder.module, "sched_yield", kind), [])
         return context.get_dummy_value()
 
     return types.void(), generate
+
+
+def _declared(module: Any, name: str, kind: Any) -> Any:
+    """A function of that type in generated code, declared at its first use."""
+    known = module.globals.get(name)
+    return ir.Function(module, kind, name) if known is None else known
 
 
 @kernel

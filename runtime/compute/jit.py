@@ -2,46 +2,29 @@
 
 Kernels release the GIL and are single-threaded; `runtime.compute.workers.Workers` runs them side by side. So Numba's
 threading layers, with their process-wide settings and their trouble with forks and concurrent callers, are never
-used. Compiled code is cached on disk; where no folder is writable, kernels compile once per process instead.
+used. Compiled code is kept on disk (`runtime.compute.kernel_cache`).
 """
 
-import os
-import warnings
+import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NoReturn
 
+import llvmlite.ir
 import numba
 import numba.extending
 
-from runtime.errors import MosWarning
+from runtime.compute.kernel_cache import is_kept, keep
+from runtime.errors import SettingError
 
 Function = Callable[..., Any]  # Numba finds out what the arguments are
-compiled: Any = numba.extending.intrinsic  # generates code, without types that a checker could see
+
+# For functions that generate their code themselves, without types that a checker could see.
+compiled: Any = numba.extending.intrinsic
+types: Any = numba.types
+ir: Any = llvmlite.ir
 
 # Sums may be contracted and reordered; NaN and infinity keep their meaning (kernels test for them).
 FASTMATH = {"contract", "reassoc", "nsz"}
-
-_warned = False
-
-
-def _compile(function: Function, **options: Any) -> Function:
-    global _warned
-    try:
-        compiled: Function = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-        return compiled
-    except RuntimeError as error:  # Numba finds no folder that it may write its cache to
-        if "cannot cache function" not in str(error):
-            raise
-    if not _warned:
-        _warned = True
-        warnings.warn(
-            "no folder for compiled kernels is writable: they are compiled again in every process "
-            "(some 10 s). Set NUMBA_CACHE_DIR to a writable folder to keep them.",
-            MosWarning,
-            stacklevel=4,
-        )
-    compiled = numba.njit(nogil=True, error_model="numpy", **options)(function)
-    return compiled
 
 
 def kernel(function: Function) -> Function:
@@ -59,10 +42,27 @@ def inlined(function: Function) -> Function:
     return _compile(function, fastmath=FASTMATH, inline="always")
 
 
-def is_cached(function: Any) -> bool:
-    """Whether compiled code of a kernel lies on disk (or in this process) already."""
-    if function.signatures:
-        return True
-    cache = getattr(function, "_cache", None)
-    path = getattr(cache, "_cache_file", None)
-    return path is not None and os.path.exists(path._index_path)
+def is_cached(kernel: Any) -> bool:
+    """Whether compiled code of a kernel lies on disk (or in this process) already, or never will."""
+    return bool(getattr(kernel, "signatures", True)) or is_kept(kernel)
+
+
+def _compile(function: Function, **options: Any) -> Function:
+    if getattr(numba.config, "DISABLE_JIT", 0):
+        return _refusing(function)
+    compiled: Function = numba.njit(nogil=True, error_model="numpy", **options)(function)
+    keep(compiled)
+    return compiled
+
+
+def _refusing(function: Function) -> Function:
+    """In place of a kernel that Numba may not compile. As Python it would wrap, round and divide otherwise."""
+
+    @functools.wraps(function)
+    def refuse(*arguments: Any) -> NoReturn:
+        raise SettingError(
+            f"{function.__name__} of {function.__module__} runs compiled only, and NUMBA_DISABLE_JIT=1 (or DISABLE_JIT "
+            "in .numba_config.yaml) keeps Numba from compiling. Unset it"
+        )
+
+    return refuse

@@ -466,28 +466,6 @@ def test_runner_made_in_a_forked_child():
     assert done.returncode == 0, done.stderr
 
 
-def test_read_only_installation(tmp_path):
-    """No folder for compiled kernels: they are compiled without one, warned once."""
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            "from runtime.compute.jit import kernel\nimport runtime.compute.jit as j, numba.core.caching as c\n"
-            "class Nowhere(c.CacheImpl):\n"
-            "    pass\n"
-            "c.CompileResultCacheImpl._locator_classes = []\n"
-            "f = kernel(lambda x: x + 1); g = kernel(lambda x: x + 2)\n"
-            "assert f(1) == 2 and g(1) == 3",
-        ],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        cwd=ROOT,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr.count("no folder for compiled kernels is writable") == 1
-
-
 @pytest.mark.parametrize("refine", ["near", "all"])
 def test_equal_to_pytorch_from_scan_to_points(refine):
     """Committed scans, through everything, against what the PyTorch network gave for the naive input."""

@@ -9,17 +9,15 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core.registry import cpu_target
 
 from runtime.compute.atomics import fetch_add, wait_for
-from runtime.compute.jit import compiled, kernel
+from runtime.compute.internals import target
+from runtime.compute.jit import compiled, ir, kernel, types
 
 LANES = 16  # output channels of one panel; channel counts are filled up to a multiple of it
 # Pairs are taken in threes and twos of this many: 6 and 4 rows fill 16 vector registers, 12 and 8 rows 32. It
 # depends on the features that Numba compiles for, as its cache of compiled code does.
-UNIT = 4 if "+avx512f" in cpu_target.target_context.codegen().magic_tuple()[2] else 2
+UNIT = 4 if "+avx512f" in target()[2] else 2
 UNROLL = 4  # input channels per turn of the innermost loop; divides LANES
 
 

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from llvmlite import ir
-from numba import types
 from numpy.typing import NDArray
 
 from runtime.compute.arena import Arena
-from runtime.compute.jit import compiled, kernel
+from runtime.compute.jit import compiled, ir, kernel, types
 from runtime.compute.workers import Workers
 from runtime.head.sparse.kernel import UNIT
 
