@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from math import ceil, floor, log10
 from pathlib import Path
 
+from runtime.files import write_whole
+
 WIDTH, HEIGHT, MARGIN = 640, 420, 60  # pixels
 
 
@@ -65,8 +67,8 @@ def stacked_bars(path: Path, rows: Mapping[str, Mapping[str, float]], title: str
 
 def _write(path: Path, height: int, parts: Sequence[str]) -> None:
     body = "\n".join(parts)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(
+    svg = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" font-family="sans-serif" '
         f'font-size="12">\n<rect width="{WIDTH}" height="{height}" fill="white"/>\n{body}\n</svg>\n'
     )
+    write_whole(path, svg.encode())

@@ -14,6 +14,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from runtime.files import write_whole
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("numpy", "numba", "onnxruntime", "torch", "openvino", "spconv")
 
@@ -93,6 +95,5 @@ def brief(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
 def save(path: Path | None, threads: int, results: Mapping[str, Any]) -> None:
     """Write the results with the machine as JSON."""
     if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps({"machine": machine(threads), **results}, indent=2) + "\n")
+        write_whole(path, (json.dumps({"machine": machine(threads), **results}, indent=2) + "\n").encode())
         Console().print(f"written: {path}", highlight=False, soft_wrap=True)

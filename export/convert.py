@@ -11,7 +11,7 @@ from export.bundle.write import (
     file_entry,
     head_arrays,
     plain,
-    replacing,
+    replacing_bundle,
     rounded_to_half,
     write_manifest,
     write_point_head,
@@ -93,7 +93,7 @@ def export_checkpoint(
         rounded_to_half(source.image_net, f"{checkpoint}: image network")
         if source.point_head is not None:
             rounded_to_half(source.point_head, f"{checkpoint}: point head")
-    with replacing(out) as folder:
+    with replacing_bundle(out) as folder:
         _write_networks(folder, source, stored, point_head_onnx)
         manifest = _manifest(folder, source, stored, checkpoint)
         write_manifest(folder, manifest)

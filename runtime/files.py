@@ -1,38 +1,101 @@
-"""Files that are whole or absent."""
+"""Files and folders that are whole or absent. Everything that replaces one does it here."""
 
 import contextlib
 import os
+import secrets
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from runtime.errors import MosError, OutputError
 
 
-def write_whole(path: Path, data: bytes) -> None:
+def write_whole(path: str | Path, data: bytes | memoryview, sync: bool = True) -> None:
     """Write `data` to `path` as `replacing` does."""
-    with replacing(path) as part:
-        part.write_bytes(data)
+    with replacing(path, sync) as file:
+        file.write(data)
 
 
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A new file beside `path` to write into, moved into place at the end, so that nobody ever sees half a file.
+def replacing(path: str | Path, sync: bool = True) -> Iterator[BinaryIO]:
+    """A new file to write into; it becomes `path` when the block ends, so that nobody ever sees half a file.
 
-    Folders are made as needed. Raises OutputError where that fails; an older file at `path` then stays as it
-    was, as it does where the block raises.
+    Folders are made as needed; a link at `path` is replaced, not followed. sync: wait until the disk has the data, so
+    that the file is whole even after a power failure. Raises OutputError where that fails; an older file at `path` then
+    stays as it was, as it does where the block raises.
     """
-    part = path.with_name(f".{path.name}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with _beside(path) as part:
+        if os.path.exists(path) and not os.path.isfile(path):
+            raise OutputError(f"{path}: is there already and is no file; choose another name")
         try:
-            yield part
+            with open(part, "xb") as file:  # never opens what lies there, a link for example
+                yield file
+                file.flush()
+                if sync:
+                    os.fsync(file.fileno())
             os.replace(part, path)
-        except BaseException:
+        finally:
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
-            raise
+
+
+@contextlib.contextmanager
+def replacing_folder(path: str | Path) -> Iterator[Path]:
+    """A new folder to write into; it becomes `path` when the block ends, in the place of what was there.
+
+    Links and errors as in `replacing`.
+    """
+    with _beside(path) as part:
+        try:
+            part.mkdir()
+            yield part
+            _sync(part)
+            _swap(part, Path(os.path.abspath(path)))
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _beside(path: str | Path) -> Iterator[Path]:
+    """A name in the folder of `path` that nobody else uses; what the system refuses becomes OutputError."""
+    place = Path(os.path.abspath(path))  # not resolved: of a link, its own folder
+    part = place.with_name(f".{place.name}.{secrets.token_hex(4)}.part")
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        yield part
     except MosError:
         raise
     except OSError as error:
         reason = error.strerror or str(error)
-        raise OutputError(f"cannot write {path}: {reason}. Free the space or choose another output folder") from error
+        if error.filename and not str(error.filename).startswith(str(part)):
+            reason += f" ({error.filename})"
+        raise OutputError(
+            f"cannot write {path}: {reason}. What was there is as it was; free the space or choose another place"
+        ) from error
+
+
+def _sync(folder: Path) -> None:
+    """Wait until the disk has every file of a folder."""
+    for file in folder.rglob("*"):
+        if file.is_file() and not file.is_symlink():
+            with open(file, "rb" if os.name == "posix" else "rb+") as written:  # Windows: only of what may be written
+                os.fsync(written.fileno())
+
+
+def _swap(new: Path, target: Path) -> None:
+    """Put the folder `new` in the place of `target`; if that fails, `target` is as it was."""
+    if not os.path.lexists(target):
+        os.rename(new, target)
+        return
+    old = new.with_suffix(".old")
+    os.rename(target, old)
+    try:
+        os.rename(new, target)
+    except BaseException:
+        os.rename(old, target)
+        raise
+    if old.is_dir() and not old.is_symlink():
+        shutil.rmtree(old, ignore_errors=True)
+    else:
+        old.unlink(missing_ok=True)

@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import io
 import json
-import os
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -16,12 +15,13 @@ from torch import Tensor, nn
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.bundle.loading import sha256_of
 from runtime.bundle.manifest import FORMAT, MANIFEST, NETWORK_FILES, FileEntry, Manifest
-from runtime.errors import BundleError, CheckpointError, OutputError
+from runtime.errors import BundleError, CheckpointError
+from runtime.files import replacing_folder
 from runtime.head.weights import EPSILON, fold, layers
 
 
 @contextlib.contextmanager
-def replacing(target: Path) -> Iterator[Path]:
+def replacing_bundle(target: Path) -> Iterator[Path]:
     """A folder to write a bundle into; it becomes `target` when the block ends, and vanishes if the block raises.
 
     Of a bundle that is at `target` already, the files that are not part of it (model card, checkpoint) are kept. Raises
@@ -29,20 +29,9 @@ def replacing(target: Path) -> Iterator[Path]:
     """
     if target.exists() and not (target / MANIFEST).is_file() and not (target.is_dir() and _only_extras(target)):
         raise BundleError(f"{target}: is there already and is no bundle; choose another --out")
-    # abspath, not resolve: a link must not be written through
-    temporary = Path(os.path.abspath(target)).with_name(f".{target.name}.{os.getpid()}.new")
-    try:
-        temporary.mkdir(parents=True)
-        try:
-            yield temporary
-            _keep_extras(target, temporary)
-            _swap(temporary, target)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
-    except OSError as error:
-        if isinstance(error, OutputError):
-            raise
-        raise OutputError(f"{target}: could not be written ({error}); what was there is as it was") from error
+    with replacing_folder(target) as folder:
+        yield folder
+        _keep_extras(target, folder)
 
 
 def _only_extras(folder: Path) -> bool:
@@ -59,21 +48,6 @@ def _keep_extras(old: Path, new: Path) -> None:
                 shutil.copytree(item, new / item.name)
             else:
                 shutil.copy2(item, new / item.name)
-
-
-def _swap(new: Path, target: Path) -> None:
-    """Put `new` in the place of `target`; if that fails, `target` is as it was."""
-    if not target.exists():
-        new.rename(target)
-        return
-    aside = new.with_suffix(".old")
-    target.rename(aside)
-    try:
-        new.rename(target)
-    except OSError:
-        aside.rename(target)
-        raise
-    shutil.rmtree(aside, ignore_errors=True)
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:

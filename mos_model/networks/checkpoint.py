@@ -9,7 +9,6 @@ import os
 import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -17,7 +16,8 @@ from torch import Tensor, nn
 
 from mos_model.networks.config import ModelConfig, differing_fields
 from mos_model.networks.network import build_image_network, build_point_head
-from runtime.errors import CheckpointError, OutputError, SettingError
+from runtime.errors import CheckpointError, SettingError
+from runtime.files import write_whole
 
 FORMAT = 1
 
@@ -58,7 +58,7 @@ def save(
     _check_plain(content["training"], "training")
     buffer = io.BytesIO()
     torch.save(content, buffer)
-    _replace_file(Path(path), buffer.getbuffer())
+    write_whole(path, buffer.getbuffer())
 
 
 def load(path: str | os.PathLike[str], config: ModelConfig | None = None) -> Checkpoint:
@@ -150,19 +150,3 @@ def _check_plain(value: Any, where: str) -> None:
             _check_plain(item, f"{where}[{i}]")
     elif value is not None and type(value) not in (bool, int, float, str) and not isinstance(value, Tensor):
         raise CheckpointError(f"{where} is a {type(value).__name__}: store tensors and plain values only")
-
-
-def _replace_file(path: Path, data: memoryview) -> None:
-    """Write beside `path`, then move into place."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        try:
-            with open(temporary, "wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path}: could not be written ({error}); an earlier checkpoint there is whole") from error

@@ -1,8 +1,5 @@
 """Simulated drives on disk, laid out as SemanticKITTI: `mos simulate OUT`."""
 
-import os
-import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +10,7 @@ import numpy as np
 from mos_model.simulator.sequence import Simulation, simulate
 from runtime.classes import MOVING, to_classes
 from runtime.errors import OutputError, SettingError
+from runtime.files import replacing_folder
 from runtime.sensors.registry import find_sensor
 from runtime.sensors.sensor import Sensor
 
@@ -57,29 +55,18 @@ def write_dataset(
     target = Path(out)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise OutputError(f"{target} exists already: name a new or an empty folder")
-    temporary = None
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
-        counts = np.zeros(2, np.int64)
+    counts = np.zeros(2, np.int64)
+    with replacing_folder(target) as folder:
         for index in range(sequences):
             drive = simulate(sequence_seed(seed, index), frames, profile, **settings)
-            folder = temporary / "sequences" / f"{index:02d}"
 
             def report(done: int, before: int = index * frames) -> None:
                 if progress is not None:
                     progress(before + done, sequences * frames)
 
-            counts += _write_sequence(folder, drive, report)
-        os.chmod(temporary, 0o755)
+            counts += _write_sequence(folder / "sequences" / f"{index:02d}", drive, report)
         if target.exists():
-            target.rmdir()
-        temporary.rename(target)
-    except OSError as error:
-        raise OutputError(f"cannot write the simulated data to {target}: {error}") from error
-    finally:
-        if temporary is not None and temporary.exists():
-            shutil.rmtree(temporary, ignore_errors=True)
+            target.rmdir()  # only if it is still empty
     return WrittenDataset(target, sequences, sequences * frames, int(counts[0]), int(counts[1]))
 
 

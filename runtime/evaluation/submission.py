@@ -63,17 +63,17 @@ def pack(
         raise SettingError(f"{out}: the server takes only files whose name ends with .zip")
     total, done = sum(map(len, submission.files.values())), 0
     problems: list[str] = []
-    with replacing(out) as part, zipfile.ZipFile(part, "w") as archive:
+    with replacing(out) as file, zipfile.ZipFile(file, "w") as archive:
         _folder(archive, "sequences/")
         for name, files in submission.files.items():
             _folder(archive, f"sequences/{name}/")
             _folder(archive, f"sequences/{name}/predictions/")  # the server looks for entries of folders
-            for file in files:
-                labels, problem = _read(file)
+            for path in files:
+                labels, problem = _read(path)
                 if problem:
                     problems.append(problem)
                 elif not problems:  # else only the other problems are of interest
-                    _add(archive, f"sequences/{name}/predictions/{file.name}", labels)
+                    _add(archive, f"sequences/{name}/predictions/{path.name}", labels)
                 done += 1
                 on_progress(done, total)
         raise_all(problems, SO)

@@ -8,7 +8,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from runtime.errors import MosError, OutputError
 from runtime.files import replacing
 from runtime.pictures.snapshot import Snapshot
 from runtime.pictures.verdict import BACKGROUND, CAR_PAINT, COLOURS, STILL, verdict
@@ -27,10 +26,10 @@ def record(path: Path, shown: Iterable[Snapshot]) -> int:
     of `verdict`, and as the labels do.
     """
     places: list[NDArray[np.float64]] = []
-    with replacing(path) as part:
+    with replacing(path) as file:
         stream = rr.RecordingStream("lidar-mos")
+        made = rr.binary_stream(stream)  # in memory: Rerun's own writer of files swallows what a full disk says
         try:
-            stream.save(part)
             stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
             for snapshot in shown:
                 places.append(snapshot.pose[:3, 3])
@@ -39,10 +38,7 @@ def record(path: Path, shown: Iterable[Snapshot]) -> int:
                 views = _log_scan(stream, snapshot)
                 if len(places) == 1:
                     stream.send_blueprint(_layout(views))
-        except MosError:  # of what makes the snapshots
-            raise
-        except RuntimeError as error:  # Rerun's own, of a file that it cannot write
-            raise OutputError(f"cannot write {path}: {error}") from error
+            file.write(made.read() or b"")  # once: every reading is a whole file of its own
         finally:
             stream.disconnect()
     return len(places)

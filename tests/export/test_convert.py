@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from pathlib import Path
 
 import numpy as np
 import onnx
@@ -19,6 +18,7 @@ from runtime.bundle.loading import load_bundle
 from runtime.errors import BundleError, CheckpointError, OutputError, ParityError, SettingError
 from runtime.runner import MosRunner
 from runtime.sensors.registry import SENSORS
+from tests.support.disk import full_disk
 from tests.support.make_tiny import random_network, tiny_config
 from tests.support.paths import ROOT
 
@@ -139,7 +139,7 @@ def test_no_onnx_point_head_without_a_point_head(tmp_path):
 
 def test_a_failed_export_leaves_the_earlier_bundle(monkeypatch, tmp_path):
     out = tmp_path / "bundle"
-    with write.replacing(out) as folder:
+    with write.replacing_bundle(out) as folder:
         (folder / "manifest.json").write_text("earlier")
     monkeypatch.setattr(convert, "check_parity", lambda *_: (_ for _ in ()).throw(ParityError("no")))
     with pytest.raises(ParityError):
@@ -168,7 +168,7 @@ def test_other_files_of_a_bundle_are_kept(tmp_path):
     (out / "checkpoint.pt").write_bytes(b"weights")
     (out / "README.md").write_text("card")
     for content in ("one", "two"):
-        with write.replacing(out) as folder:
+        with write.replacing_bundle(out) as folder:
             (folder / "manifest.json").write_text(content)
         assert contents(out) == {"manifest.json": content.encode(), "checkpoint.pt": b"weights", "README.md": b"card"}
 
@@ -178,27 +178,16 @@ def test_a_folder_that_is_no_bundle_is_not_replaced(tmp_path):
     (tmp_path / "photos" / "cat.jpg").write_bytes(b"cat")
     (tmp_path / "file").write_text("x")
     for name in ("photos", "file"):
-        with pytest.raises(BundleError, match="is no bundle"), write.replacing(tmp_path / name):
+        with pytest.raises(BundleError, match="is no bundle"), write.replacing_bundle(tmp_path / name):
             pass
     assert (tmp_path / "photos" / "cat.jpg").read_bytes() == b"cat"
 
 
-def test_a_disk_that_refuses_is_an_output_error(monkeypatch, tmp_path):
+def test_a_full_disk_leaves_the_earlier_bundle(tmp_path):
     out = tmp_path / "bundle"
-    with pytest.raises(OutputError, match="could not be written"), write.replacing(out):
-        raise OSError(28, "No space left on device")
-    assert list(tmp_path.iterdir()) == []
-    with write.replacing(out) as folder:
+    with write.replacing_bundle(out) as folder:
         (folder / "manifest.json").write_text("earlier")
-    real = Path.rename
-
-    def refuse(path, target):
-        if path.name.endswith(".new"):
-            raise OSError(13, "Permission denied")
-        return real(path, target)
-
-    monkeypatch.setattr(Path, "rename", refuse)
-    with pytest.raises(OutputError), write.replacing(out) as folder:
+    with full_disk(3), pytest.raises(OutputError, match="File too large"), write.replacing_bundle(out) as folder:
         (folder / "manifest.json").write_text("later")
     assert contents(out) == {"manifest.json": b"earlier"}
     assert list(tmp_path.iterdir()) == [out]

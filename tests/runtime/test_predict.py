@@ -1,3 +1,4 @@
+import contextlib
 import json
 import shutil
 from pathlib import Path
@@ -11,6 +12,7 @@ from runtime.recordings.labels import read_labels
 from runtime.recordings.sequence import open_sequence
 from runtime.runner import MosRunner
 from tests.support import street
+from tests.support.disk import full_disk
 from tests.support.paths import BUNDLE
 
 COUNT = 13  # more than the history holds
@@ -223,12 +225,13 @@ def test_output_that_cannot_be_written(made, runner, tmp_path):
 
 def test_a_full_disk_in_the_middle(made, runner, whole, tmp_path):
     sequence = open_sequence(made)
-    path = prediction_path(tmp_path, sequence, 4)
-    path.parent.mkdir(parents=True)
-    part = path.with_name(f".{path.name}.part")
-    part.symlink_to("/dev/full")
-    with pytest.raises(OutputError, match=r"stopped at scan 000004\.bin.*No space left"):
-        predict(sequence, runner, tmp_path)
+
+    def fill(done, total):
+        if done == 4:
+            disk.enter_context(full_disk(100))
+
+    with contextlib.ExitStack() as disk, pytest.raises(OutputError, match=r"stopped at scan 000004\.bin.*too large"):
+        predict(sequence, runner, tmp_path, on_progress=fill)
     assert len(contents(tmp_path)) == 4
     predict(sequence, runner, tmp_path)
     assert contents(tmp_path) == whole

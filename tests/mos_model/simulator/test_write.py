@@ -4,6 +4,7 @@ import pytest
 from mos_model.simulator import simulate, write_dataset
 from mos_model.simulator.write import sequence_seed
 from runtime.errors import OutputError, SettingError
+from tests.support.disk import full_disk
 
 
 def read_matrices(path):
@@ -50,6 +51,12 @@ def test_a_place_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot write"):
         write_dataset(tmp_path / "file" / "data", 1, 1)
+
+
+def test_a_full_disk(tmp_path):
+    with full_disk(100_000), pytest.raises(OutputError, match="cannot write"):
+        write_dataset(tmp_path / "data", 1, 1)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_whole_or_not_at_all(tmp_path):

@@ -21,6 +21,7 @@ from mos_model.training.trainer import Limits, Trainer, choose_precision
 from mos_model.training.validation import Validation, evaluate_task
 from runtime.errors import OutputError, TrainingError
 from runtime.evaluation.confusion import Confusion
+from tests.support.disk import full_disk
 from tests.support.training import Patches, tiny_model
 
 CPU = Ranks(torch.device("cpu"))
@@ -144,16 +145,11 @@ def test_a_loss_that_is_not_finite_stops_and_keeps_the_last_good_checkpoint(tmp_
     assert all(value.isfinite().all() for value in kept.image_net.state_dict().values())
 
 
-def test_a_full_disk_leaves_the_old_checkpoint(tmp_path, monkeypatch):
+def test_a_full_disk_leaves_the_old_checkpoint(tmp_path):
     trainer = make_trainer(tmp_path)
     trainer.save("last.pt", whole=True)
     before = (tmp_path / "last.pt").read_bytes()
-
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OutputError, match=r"last\.pt"):
+    with full_disk(len(before) - 1), pytest.raises(OutputError, match=r"last\.pt"):
         trainer.save("last.pt", whole=True)
     assert (tmp_path / "last.pt").read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["last.pt"]

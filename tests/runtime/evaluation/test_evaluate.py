@@ -14,6 +14,7 @@ from runtime.evaluation.evaluate import BINS, Counts, range_bins
 from runtime.evaluation.layout import pair
 from runtime.evaluation.report import score
 from tests.support.dataset import at, write_labels, write_scans
+from tests.support.disk import full_disk
 
 # Two frames of one sequence and one of another. Found 3 (car, car, person), missed 2 (car, bus), false alarms 2.
 TRUTH = {
@@ -251,6 +252,13 @@ def test_command(truth, guess, tmp_path, capsys):
     report = json.loads(file.read_text())
     assert report["together"]["iou"] == 0.375
     assert not any(isinstance(value, float) and math.isnan(value) for value in report["together"].values())
+
+
+def test_a_full_disk(truth, guess, tmp_path, capsys):
+    with full_disk(100):
+        assert main(["eval", str(guess), str(truth), "--out", str(tmp_path / "new" / "scores.json")]) == 1
+    assert "scores.json: File too large" in capsys.readouterr().err
+    assert list((tmp_path / "new").iterdir()) == []
 
 
 @pytest.mark.parametrize("arguments", [["{guess}"], ["{guess}", "{truth}", "--zip", "a.zip", "--out", "a.json"]])

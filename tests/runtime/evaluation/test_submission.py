@@ -12,6 +12,7 @@ from runtime.evaluation import submission
 from runtime.evaluation.benchmark import TEST_SCANS
 from runtime.evaluation.submission import check, pack
 from tests.support.dataset import at, write_labels, write_scans
+from tests.support.disk import full_disk
 
 LENGTHS = {name: (3, 5) for name in TEST_SCANS}  # points of each scan
 
@@ -151,19 +152,14 @@ def test_files_that_cannot_be_read(root, guess, tmp_path):
         pack(check(guess, names=("08",)), tmp_path / "mine.zip")
 
 
-def test_where_it_cannot_be_written(root, guess, tmp_path, monkeypatch):
+def test_where_it_cannot_be_written(root, guess, tmp_path):
     found = check(guess, root)
     with pytest.raises(SettingError, match=r"ends with \.zip"):
         pack(found, tmp_path / "mine.tar")
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot write"):
         pack(found, tmp_path / "file" / "mine.zip")
-
-    def full(source, target):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(OutputError, match="No space left"):
+    with full_disk(3000), pytest.raises(OutputError, match="File too large"):
         pack(found, tmp_path / "mine.zip")
     assert sorted(os.listdir(tmp_path)) == ["file", "kitti", "out"]
 

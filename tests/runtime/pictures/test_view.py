@@ -15,6 +15,7 @@ from runtime.pictures import write_picture
 from runtime.pictures.verdict import COLOURS, FALSE_ALARM, FOUND, MISSED
 from runtime.recordings.labels import read_labels, write_labels
 from tests.support import street
+from tests.support.disk import full_disk
 from tests.support.paths import TINY
 
 SCANS = TINY / "scans" / "sequences" / "00"
@@ -144,6 +145,24 @@ def test_a_place_that_cannot_be_written(predictions, tmp_path, capsys, suffix):
     assert view("--predictions", predictions / "right", "--out", out, "--count", 1) == 1
     assert f"cannot write {out}" in capsys.readouterr().err
     assert os.listdir(tmp_path) == ["file"]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".gif", ".rrd"])
+def test_a_full_disk(predictions, tmp_path, capsys, suffix):
+    """Nothing is moved into place that was cut off, wherever that was: of every size, down to the last byte."""
+    if suffix == ".rrd":
+        pytest.importorskip("rerun")
+    out = tmp_path / f"a{suffix}"
+    arguments = ("--predictions", predictions / "right", "--out", out, "--scan", 3, "--count", 2)
+    assert view(*arguments) == 0
+    size = out.stat().st_size
+    out.write_text("older")
+    for room in (1, size // 2, size - 1000):
+        with full_disk(room):
+            assert view(*arguments) == 1
+        assert f"mos: cannot write {out}: File too large" in capsys.readouterr().err
+        assert os.listdir(tmp_path) == [out.name]
+        assert out.read_text() == "older"
 
 
 def test_no_scan_no_picture(tmp_path):
