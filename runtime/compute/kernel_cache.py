@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from runtime.compute import internals
+from runtime.compute.origin import ingredients
 from runtime.errors import MosWarning, OutputError
 from runtime.files import write_whole
 
@@ -47,8 +48,8 @@ class KernelCache:
 
     def __init__(self, function: Callable[..., Any]) -> None:
         """Raises what `internals.Storable` does."""
+        self._function = function
         self._kernel = internals.Storable(function)
-        self._origin = sha256((self._kernel.version + _helpers()).encode()).digest()
 
     @property
     def cache_path(self) -> str:
@@ -87,6 +88,11 @@ class KernelCache:
             except OutputError as error:
                 _warn(str(error.__cause__))
 
+    @functools.cached_property
+    def _origin(self) -> bytes:
+        """Of what the code is made, when it is needed: its module is then complete."""
+        return sha256((self._kernel.version + ingredients(self._function)).encode()).digest()
+
     def holds_any(self) -> bool:
         """Whether there is code for this processor, of whatever signature."""
         for path in self._kernel.folder.glob(f"{self._prefix}*"):
@@ -106,13 +112,6 @@ class KernelCache:
 
     def _path(self, signature: Any) -> Path:
         return self._kernel.folder / f"{self._prefix}{_short(signature)}.kernel"
-
-
-@functools.cache
-def _helpers() -> str:
-    """Of the code that kernels of other files are compiled with: this folder's."""
-    files = sorted(Path(__file__).parent.glob("*.py"))
-    return sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
 
 
 def _short(key: object) -> str:
