@@ -22,8 +22,8 @@ from runtime.compute.workers import Workers
 from runtime.evaluation.confusion import Confusion
 from runtime.image.history import History
 from runtime.image.inputs import InputBuilder
-from runtime.recordings.labels import read_labels
-from runtime.recordings.sequence import open_sequence
+from runtime.recordings.recording import Options
+from runtime.recordings.registry import open_recording
 from runtime.sensors.range_image import RangeImage
 
 STREETS = 12_000_000  # seeds of the simulated test streets: neither training, validation nor calibration has them
@@ -57,13 +57,11 @@ def real(folder: Path, first: int = HISTORY, limit: int | None = None) -> Drive:
     """A KITTI sequence, from frame `first` on scored. Without labels every point counts as static."""
 
     def drive() -> Iterator[Scan]:
-        sequence = open_sequence(folder, limit=limit)
-        for index, path in enumerate(sequence.scans):
-            points, pose = sequence.read(index)
-            labels = folder / "labels" / f"{path.stem}.label"
-            known = labels.is_file()
-            classes = to_classes(read_labels(labels, len(points))) if known else np.full(len(points), STATIC, np.uint8)
-            yield Scan(points, pose, classes, index >= first)
+        recording = open_recording(folder, Options(limit=limit))
+        for index, scan in enumerate(recording.scans()):
+            labels = recording.labels(index)
+            classes = np.full(len(scan.data), STATIC, np.uint8) if labels is None else to_classes(labels)
+            yield Scan(scan.data, scan.known_pose(), classes, index >= first)
 
     return drive
 

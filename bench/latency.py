@@ -22,8 +22,9 @@ from runtime import MosRunner
 from runtime.bundle.residual import HISTORY
 from runtime.classes import MOVING, to_classes
 from runtime.head.refiners import Head
-from runtime.recordings.labels import read_labels, write_labels
-from runtime.recordings.sequence import open_sequence
+from runtime.recordings.labels import write_labels
+from runtime.recordings.recording import Options
+from runtime.recordings.registry import open_recording
 
 SHOWN = ("read", "input", "network", "postprocess", "history", "write", "scan")
 
@@ -73,19 +74,20 @@ def random_bundle(config: str, precision: str, folder: Path) -> Path:
 
 def measure(row: Row, bundle: Path | None, folder: Path, threads: int, scans: int) -> dict[str, Any]:
     """Seconds of every stage over `scans` scans of a sequence, back and forth, with a full history."""
-    sequence = open_sequence(folder, limit=60)
+    recording = open_recording(folder, Options(limit=60))
     runner = MosRunner(bundle, threads=threads, postprocess=row.postprocess, refine=row.refine, precision=row.precision)
     forced = None if row.share is None else Forced(runner, row.share)
-    order = there_and_back(range(len(sequence)))
+    order = there_and_back(range(len(recording)))
     for i in range(HISTORY):
-        runner.remember(*sequence.read(order[i % len(order)]))
+        scan = recording.read(order[i % len(order)])
+        runner.remember(scan.data, scan.known_pose())
     stages: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as out:
         for i in range(HISTORY, HISTORY + scans + 1):
-            (points, pose), read = _timed(sequence.read, order[i % len(order)])
+            scan, read = _timed(recording.read, order[i % len(order)])
             if forced is not None:
-                forced.choose(points)
-            result, ran = _timed(runner, points, pose)
+                forced.choose(scan.data)
+            result, ran = _timed(runner, scan.data, scan.known_pose())
             _, wrote = _timed(write_labels, Path(out) / "scan.label", result.moving)
             if i > HISTORY:  # the first result lays out memory
                 seconds = {**result.timing, "read": read, "write": wrote, "scan": read + ran + wrote}
@@ -135,9 +137,9 @@ def measure_head(config: str, folder: Path, threads: int, rounds: int) -> dict[s
     head.eval()
     weights = fold({key: value.numpy() for key, value in head.state_dict().items()}, model.point_head)
     engine = PointHeadEngine(weights, model.point_head, Workers(threads))
-    sequence = open_sequence(folder, limit=60)
-    index = len(sequence) // 2
-    points, _ = sequence.read(index)
+    recording = open_recording(folder, Options(limit=60))
+    index = len(recording) // 2
+    points = recording.read(index).data
     builder = InputBuilder(model.sensor, model.residual, Workers(threads))
     entered = builder.enter(points)
     built = builder.build(entered, [])
@@ -152,10 +154,10 @@ def measure_head(config: str, folder: Path, threads: int, rounds: int) -> dict[s
 
     ours = engine.refine(xyz, valid, features)[valid]
     tasks = {"all points": lambda: engine.refine(xyz, valid, features), "PyTorch, all points": plain}
-    labels = folder / "labels" / f"{sequence.scans[index].stem}.label"
+    labels = recording.labels(index)
     share = None
-    if labels.is_file():
-        moving = valid & (to_classes(read_labels(labels, len(points))) == MOVING)
+    if labels is not None:
+        moving = valid & (to_classes(labels) == MOVING)
         share = float(moving.mean())
         tasks["labelled movers"] = lambda: engine.refine(xyz, valid, features, moving)
     return {

@@ -16,10 +16,10 @@ def load_frames(sequence: Path | None, count: int) -> list[Frame]:
         from mos_model.simulator import simulate
 
         return [(frame.points, frame.pose) for frame in simulate(7, count)]
-    from runtime.recordings.sequence import open_sequence
+    from runtime.recordings.recording import Options
+    from runtime.recordings.registry import open_recording
 
-    opened = open_sequence(sequence)
-    return [opened.read(i) for i in range(min(count, len(opened)))]
+    return [(scan.data, scan.known_pose()) for scan in open_recording(sequence, Options(limit=count)).scans()]
 
 
 def there_and_back(items: Sequence[T]) -> list[T]:

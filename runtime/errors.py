@@ -59,3 +59,9 @@ class OutputError(MosError, OSError):
 
 class MosWarning(UserWarning):
     """Something that the user should know but that does not stop the work."""
+
+
+def some(names: list[str], most: int = 3) -> str:
+    """The first few of `names`, and how many more there are: no message grows with the number of files."""
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")

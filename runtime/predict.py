@@ -1,9 +1,10 @@
-"""The main job: a prediction file for every scan of a sequence. Interrupted, it goes on where it was."""
+"""The main job: a prediction file for every scan of a recording. Interrupted, it goes on where it was."""
 
-import json
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,11 @@ import numpy as np
 from runtime import __version__
 from runtime.bundle.loading import sha256_of
 from runtime.bundle.manifest import MANIFEST
-from runtime.errors import MosError, OutputError, SettingError
-from runtime.files import write_whole
+from runtime.errors import MosError, PoseError, ScanError
+from runtime.recordings.journal import JOURNAL, Dependence, Entry, Journal
 from runtime.recordings.labels import LABEL_BYTES, write_labels
-from runtime.recordings.poses import Pose
-from runtime.recordings.scans import Scan, count_points
-from runtime.recordings.sequence import Sequence
+from runtime.recordings.recording import Indexed, Recording, Scan
+from runtime.recordings.run_note import claim, delete
 from runtime.runner import MosRunner
 
 
@@ -26,10 +26,12 @@ class Summary:
     """What a run did. Latencies in seconds, one a scan."""
 
     folder: Path  # where the predictions are
-    resumed: int = 0  # scans whose predictions were there already
+    resumed: int = 0  # scans that were dealt with already
+    anew: int = 0  # scans that had a label, of what they or those before them were once
     scans: int = 0
     points: int = 0
     moving: int = 0
+    broken: dict[str, str] = field(default_factory=dict)  # scans without a label, and why
     latency: dict[str, list[float]] = field(default_factory=dict)  # "read", the runner's stages, "write", "scan": all
 
     def add(self, points: int, moving: int, seconds: dict[str, float]) -> None:
@@ -40,75 +42,135 @@ class Summary:
             self.latency.setdefault(stage, []).append(value)
 
 
-def prediction_path(out: str | Path, sequence: Sequence, index: int) -> Path:
-    """`out/sequences/NAME/predictions/SCAN.label`, SemanticKITTI's layout."""
-    return _folder(out, sequence) / f"{sequence.scans[index].stem}.label"
+def predictions_folder(out: str | Path, recording: Recording) -> Path:
+    """`out/sequences/NAME/predictions`, SemanticKITTI's layout."""
+    return Path(out) / "sequences" / recording.name / "predictions"
 
 
 def predict(
-    sequence: Sequence,
+    recording: Recording,
     runner: MosRunner,
     out: str | Path,
     *,
     overwrite: bool = False,
-    on_progress: Callable[[int, int], object] = lambda done, total: None,
+    skip_broken: bool = False,
+    on_progress: Callable[[int, int | None], object] = lambda done, total: None,
 ) -> Summary:
-    """Write the labels of every scan of `sequence` under `out`; 251 moving, 9 everything else.
+    """Write the labels of every scan of `recording` under `out`; 251 moving, 9 everything else.
 
-    Goes on after the complete predictions that an interrupted run left, to the same bytes: the runner's
-    history is refilled from the scans before. `on_progress(done, total)` is called at the start and after
-    every scan.
+    Every scan is read; those are left out whose label is there and made of the same (points, pose and time, of them and
+    of the scans that a label depends on), so that an interrupted run goes on to the same bytes, and a repaired scan is
+    labelled anew, with those that depend on it.
+
+    skip_broken: a scan that cannot be read, or whose pose is broken, gets no label; the scans after it are labelled
+    as after a gap, without those before it. Such scans are noted in run.json, and tried again in every run.
+    `on_progress(done, total)` is called at the start and after every scan; total: None if it is not known.
 
     Raises SettingError where `out` holds predictions of other settings (then `overwrite` deletes them first),
     and the ScanError, PoseError, InferenceError or OutputError of a scan that fails, saying which; what was
     finished stays.
     """
-    folder = _folder(out, sequence)
-    _claim(folder, _identity(sequence, runner), overwrite)
-    done, total = _count_done(sequence, out), len(sequence)
-    summary = Summary(folder, resumed=done)
-    on_progress(done, total)
-    runner.reset()
-    for index in range(max(0, done - runner.history_length), total):
+    run = _Run(recording, runner, predictions_folder(out, recording), overwrite)
+    total = len(recording) if isinstance(recording, Indexed) else None
+    on_progress(0, total)
+    scans = recording.scans()
+    for index in count():
         try:
-            if index < done:
-                runner.remember(*_read(sequence, index, runner))
-            else:
-                summary.add(*_label(sequence, index, runner, out))
+            if not run.one(scans):
+                break
         except MosError as error:
-            raise type(error)(
-                f"stopped at scan {sequence.scans[index].name} ({index + 1} of {total}): {error}. The "
-                f"predictions before it are complete in {folder}; the same command goes on from there"
-            ) from error
-        on_progress(max(done, index + 1), total)
-    return summary
+            skip = skip_broken and isinstance(error, ScanError | PoseError)
+            if not (skip and isinstance(recording, Indexed)):
+                raise run.stopped(error, index, total) from error
+            run.skip(recording.keys[index], str(error))
+            scans = recording.scans(index + 1)
+        on_progress(index + 1, total)
+    run.close()
+    return run.summary
 
 
-def _label(sequence: Sequence, index: int, runner: MosRunner, out: str | Path) -> tuple[int, int, dict[str, float]]:
-    """Read, run and write one scan: its points, how many of them move, and seconds of each stage."""
-    started = time.perf_counter()
-    scan, pose = _read(sequence, index, runner)
-    read = time.perf_counter()
-    result = runner(scan, pose)
-    ran = time.perf_counter()
-    write_labels(prediction_path(out, sequence, index), result.moving)
-    written = time.perf_counter()
-    stages = {stage: seconds for stage, seconds in result.timing.items() if stage != "total"}
-    stages = {"read": read - started, **stages, "write": written - ran, "scan": written - started}
-    return len(scan), int(np.count_nonzero(result.moving)), stages
+class _Run:
+    """A run between two scans."""
+
+    def __init__(self, recording: Recording, runner: MosRunner, folder: Path, overwrite: bool) -> None:
+        """Claim the folder, see `claim`."""
+        self.recording, self.runner, self.folder = recording, runner, folder
+        self.note = claim(folder, _identity(recording, runner), recording, overwrite)
+        self.journal = Journal(folder.with_name(JOURNAL))
+        self.summary = Summary(folder)
+        self._dependence = Dependence(runner.history_length)
+        self._unseen: deque[Scan] = deque(maxlen=runner.history_length)  # the last, where the runner does not know them
+        runner.reset()
+
+    def one(self, scans: Iterator[Scan]) -> bool:
+        """Read the next scan and label it, unless its label is there; False where there is none any more."""
+        started = time.perf_counter()
+        scan = next(scans, None)
+        if scan is None:
+            return False
+        made_of = self._dependence.add(self.recording.fingerprint(scan))
+        path = self.folder / f"{scan.key}.label"
+        size = path.stat().st_size if path.is_file() else None
+        if self.journal[scan.key] == Entry(made_of) and size == LABEL_BYTES * len(scan.data):
+            self._leave_out(scan)
+        else:
+            self._label(scan, path, made_of, started)
+            self.summary.anew += size is not None
+        return True
+
+    def skip(self, key: str, reason: str) -> None:
+        """Leave a broken scan without a label, and forget those before it."""
+        self.runner.reset()
+        self._unseen.clear()
+        self._dependence.clear()
+        self.summary.broken[key] = reason
+        if self.journal[key].broken == reason:
+            self.summary.resumed += 1
+            return
+        self.journal.take_back(key)
+        delete(self.folder / f"{key}.label")
+        self.journal.note(key, Entry(None, reason))
+        self.note.write(self.journal.broken())
+
+    def stopped(self, error: MosError, index: int, total: int | None) -> MosError:
+        """The error of a scan, with where it is and what is left."""
+        name = self.recording.keys[index] if isinstance(self.recording, Indexed) else "number"
+        return type(error)(
+            f"stopped at scan {name} ({index + 1}{f' of {total}' if total else ''}): {error}. The "
+            f"predictions before it are complete in {self.folder}; the same command goes on from there"
+        )
+
+    def close(self) -> None:
+        """Note the scans that are broken still."""
+        self.note.write(self.journal.broken())
+
+    def _leave_out(self, scan: Scan) -> None:
+        if len(self._unseen) == self._unseen.maxlen:  # what the runner has is too old: to it, the poses would jump
+            self.runner.reset()
+        self._unseen.append(scan)
+        self.summary.resumed += 1
+
+    def _label(self, scan: Scan, path: Path, made_of: str, started: float) -> None:
+        """Run and write one scan that was read since `started`, and note seconds of each stage."""
+        read = time.perf_counter()
+        while self._unseen:
+            past = self._unseen.popleft()
+            self.runner.remember(past.data, past.known_pose(), past.time)
+        begun = time.perf_counter()
+        result = self.runner(scan.data, scan.known_pose(), scan.time)
+        ran = time.perf_counter()
+        self.journal.take_back(scan.key)
+        write_labels(path, result.moving)
+        self.journal.note(scan.key, Entry(made_of))
+        written = time.perf_counter()
+        stages = {stage: seconds for stage, seconds in result.timing.items() if stage != "total"}
+        whole = read - started + written - begun
+        stages = {"read": read - started, **stages, "write": written - ran, "scan": whole}
+        self.summary.add(len(scan.data), int(np.count_nonzero(result.moving)), stages)
 
 
-def _read(sequence: Sequence, index: int, runner: MosRunner) -> tuple[Scan, Pose]:
-    """A scan without remission gets the mean that the network subtracts."""
-    return sequence.read(index, remission_fill=runner.bundle.manifest.sensor.range_image.mean[4])
-
-
-def _folder(out: str | Path, sequence: Sequence) -> Path:
-    return Path(out) / "sequences" / sequence.name / "predictions"
-
-
-def _identity(sequence: Sequence, runner: MosRunner) -> dict[str, Any]:
-    """What predictions depend on: they may be continued only by a run of the same."""
+def _identity(recording: Recording, runner: MosRunner) -> dict[str, Any]:
+    """What was chosen for these predictions: they may be continued only by a run of the same."""
     return {
         "bundle": runner.bundle.manifest.name,
         "manifest_sha256": sha256_of(runner.bundle.path / MANIFEST),
@@ -116,53 +178,5 @@ def _identity(sequence: Sequence, runner: MosRunner) -> dict[str, Any]:
         "refine": runner.settings.refine,
         "precision": runner.precision,
         "version": __version__,
-        "first_scan": sequence.scans[0].name,
-        "poses_sha256": sequence.poses_sha256,
+        "poses": recording.poses_from,
     }
-
-
-def _claim(folder: Path, identity: dict[str, Any], overwrite: bool) -> None:
-    """Make `folder` the place of this run: note what its predictions are of, or check the note there."""
-    note = folder.with_name("run.json")
-    existing = sorted(folder.glob("*.label"))
-    if overwrite:
-        for file in existing:
-            try:
-                file.unlink()
-            except OSError as error:
-                raise OutputError(f"cannot delete {file}: {error.strerror}") from error
-    elif existing:
-        found = _read_note(note)
-        if found is None:
-            raise SettingError(
-                f"{folder} holds predictions, but {note.name} beside it does not say of what; "
-                f"choose another --out, or replace them by --overwrite"
-            )
-        changed = sorted(key for key in identity | found if identity.get(key) != found.get(key))
-        if changed:
-            raise SettingError(
-                f"{folder} holds predictions of another run ({', '.join(changed)} differ, see {note}); "
-                f"choose another --out, or replace them by --overwrite"
-            )
-        return
-    write_whole(note, (json.dumps(identity, indent=2) + "\n").encode())
-
-
-def _read_note(note: Path) -> dict[str, Any] | None:
-    try:
-        found = json.loads(note.read_text())
-    except (OSError, ValueError):
-        return None
-    return found if isinstance(found, dict) else None
-
-
-def _count_done(sequence: Sequence, out: str | Path) -> int:
-    """Scans from the first on whose prediction is there and has a label for every point."""
-    for index, scan in enumerate(sequence.scans):
-        try:
-            size = prediction_path(out, sequence, index).stat().st_size
-        except FileNotFoundError:
-            return index
-        if size != LABEL_BYTES * count_points(scan):
-            return index
-    return len(sequence)

@@ -12,7 +12,7 @@ from runtime.compute.workers import Workers
 from runtime.doctor.check_scans import Samples, check_points, check_sensor
 from runtime.errors import MosWarning, ScanError, SequenceError
 from runtime.image.inputs import InputBuilder
-from runtime.recordings.sequence import open_sequence
+from runtime.recordings.registry import open_recording
 from runtime.sensors.range_image import RangeImage
 
 CALIBRATION_STREETS = 16_000_000  # seeds of the simulated streets for ranges; nothing else has them
@@ -37,11 +37,11 @@ def recorded(folder: Path, sensor: RangeImage, residual: Residual, count: int = 
 
     Raises SequenceError or ScanError where it cannot be used; warns of what does not look like the sensor.
     """
-    sequence = open_sequence(folder)
-    if len(sequence) <= HISTORY:
-        raise SequenceError(f"{folder}: has {len(sequence)} scans; calibration needs at least {HISTORY + 1}")
-    chosen = np.unique(np.linspace(HISTORY, len(sequence) - 1, count).round().astype(int))
-    samples = Samples.of([sequence.read(int(i))[0] for i in chosen])
+    recording = open_recording(folder)
+    if len(recording) <= HISTORY:
+        raise SequenceError(f"{folder}: has {len(recording)} scans; calibration needs at least {HISTORY + 1}")
+    chosen = np.unique(np.linspace(HISTORY, len(recording) - 1, count).round().astype(int))
+    samples = Samples.of([recording.read(int(i)).data for i in chosen])
     findings = check_points(samples) + check_sensor(samples, sensor)
     for finding in sorted(findings, key=lambda finding: finding.level):  # bad, ok, warn
         text = f"{folder}: calibration data: {finding.topic}: {finding.text}"
@@ -52,7 +52,8 @@ def recorded(folder: Path, sensor: RangeImage, residual: Residual, count: int = 
     builder = InputBuilder(sensor, residual, Workers(1))
     images = []
     for index in chosen:
-        drive = [sequence.read(int(i)) for i in range(index - HISTORY, index + 1)]
+        scans = [recording.read(int(i)) for i in range(index - HISTORY, index + 1)]
+        drive = [(scan.data, scan.known_pose()) for scan in scans]
         images.append(builder.image_of(drive)[1].image[None].copy())
     if not any(image[:, 5:].any() for image in images):
         warnings.warn(f"{folder}: calibration data: no residual image shows anything", MosWarning, stacklevel=2)

@@ -19,9 +19,8 @@ from runtime.bundle.residual import HISTORY
 from runtime.classes import MOVING, UNLABELLED
 from runtime.errors import MosError, SequenceError
 from runtime.recordings.labels import LABEL_BYTES, read_labels
-from runtime.recordings.poses import Poses
-from runtime.recordings.scans import count_points, read_scan
-from runtime.recordings.sequence import open_sequence
+from runtime.recordings.recording import Indexed
+from runtime.recordings.registry import open_recording as open_scans
 from runtime.sensors.range_image import RangeImage
 
 TRAIN = ("00", "01", "02", "03", "04", "05", "06", "07", "09", "10")
@@ -39,16 +38,15 @@ READERS = 8  # threads that read labels
 class Recording:
     """A labelled sequence, its files checked."""
 
-    name: str
-    scans: tuple[Path, ...]
+    scans: Indexed
     labels: tuple[Path, ...]
-    poses: Poses  # (len(scans), 4, 4) float64 T_world_lidar
 
     def frame(self, index: int, sensor: RangeImage, labelled: bool = True) -> Frame:
         """Scan `index` with its classes (all unlabelled if not `labelled`). Raises ScanError or SequenceError."""
-        points = read_scan(self.scans[index])
-        classes = self.classes(index, len(points)) if labelled else np.full(len(points), UNLABELLED, np.uint8)
-        return make_frame(points, self.poses[index], classes, sensor)
+        scan = self.scans.read(index)
+        count = len(scan.data)
+        classes = self.classes(index, count) if labelled else np.full(count, UNLABELLED, np.uint8)
+        return make_frame(scan.data, scan.known_pose(), classes, sensor)
 
     def classes(self, index: int, points: int | None = None) -> NDArray[np.uint8]:
         """Classes (N,) of scan `index`; `points`: as many must be there."""
@@ -63,18 +61,18 @@ class Recording:
 
 def open_recording(folder: Path) -> Recording:
     """A sequence folder. Raises SequenceError that names what is missing or does not fit."""
-    sequence = open_sequence(folder)
-    labels = tuple(folder / "labels" / f"{scan.stem}.label" for scan in sequence.scans)
+    scans = open_scans(folder)
+    labels = tuple(folder / "labels" / f"{key}.label" for key in scans.keys)
     missing = [path for path in labels if not path.is_file()]
     if missing:
         raise SequenceError(
             f"{folder}: {len(missing)} of {len(labels)} scans have no labels, the first is {missing[0]}"
         )
-    for scan, label in zip(sequence.scans, labels, strict=True):
-        points, size = count_points(scan), label.stat().st_size
+    for index, label in enumerate(labels):
+        points, size = scans.count(index), label.stat().st_size
         if size != LABEL_BYTES * points:
-            raise SequenceError(f"{label}: {size} bytes are not the labels of the {points} points of {scan.name}")
-    return Recording(sequence.name, sequence.scans, labels, sequence.poses)
+            raise SequenceError(f"{label}: {size} bytes are not the labels of the {points} points of its scan")
+    return Recording(scans, labels)
 
 
 def open_recordings(root: Path, names: Sequence[str]) -> list[Recording]:

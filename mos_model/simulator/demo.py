@@ -17,8 +17,8 @@ from runtime.evaluation.layout import pair
 from runtime.files import write_whole
 from runtime.pictures import Stored, System, snapshots, write_picture
 from runtime.predict import Summary, predict
-from runtime.recordings.labels import read_labels
-from runtime.recordings.sequence import Sequence, open_sequence
+from runtime.recordings.recording import Indexed
+from runtime.recordings.registry import open_recording
 from runtime.runner import MosRunner
 
 SEED = 17  # of the street
@@ -59,17 +59,21 @@ def run_demo(
     out = Path(out)
     folder = out / "street" / "sequences" / "00"
     _claim(out, scans)
-    sequence = _simulate(folder, scans, report)
+    recording = _simulate(folder, scans, report)
     with compiling(lambda kernel: report(PREPARE, 0, 1, kernel)):
         report(PREPARE, 0, 1, "")
         runner = MosRunner(bundle, threads=threads)
         report(PREPARE, 1, 1, "")
     predictions = out / "predictions"
     summary = predict(
-        sequence, runner, predictions, overwrite=True, on_progress=lambda done, total: report(LABEL, done, total, "")
+        recording,
+        runner,
+        predictions,
+        overwrite=True,
+        on_progress=lambda done, total: report(LABEL, done, total or done, ""),
     )
     (counts,) = evaluate(pair(predictions, folder.parents[1]).frames, with_ranges=False).values()
-    pictures, why_not = _draw(out, folder, sequence, Stored(predictions, sequence, runner.bundle.manifest.name), report)
+    pictures, why_not = _draw(out, recording, Stored(predictions, recording, runner.bundle.manifest.name), report)
     return Demo(folder, summary, counts.total(), pictures, why_not, time.perf_counter() - started)
 
 
@@ -86,7 +90,7 @@ def _claim(out: Path, scans: int) -> None:
     write_whole(note, content)
 
 
-def _simulate(folder: Path, scans: int, report: Report) -> Sequence:
+def _simulate(folder: Path, scans: int, report: Report) -> Indexed:
     """The sequence in `folder`, made if it is not there (it is whole or absent)."""
     if not folder.is_dir():
         from mos_model.simulator import write_dataset
@@ -100,23 +104,23 @@ def _simulate(folder: Path, scans: int, report: Report) -> Sequence:
                 progress=lambda done, total: report(SIMULATE, done, total, ""),
                 **STREET,
             )
-    return open_sequence(folder)
+    return open_recording(folder)
 
 
-def _busiest(folder: Path, sequence: Sequence, scans: Iterable[int]) -> int:
+def _busiest(recording: Indexed, scans: Iterable[int]) -> int:
     """The scan with the most moving points."""
 
     def movers(scan: int) -> int:
-        labels = read_labels(folder / "labels" / f"{sequence.scans[scan].stem}.label")
-        return int((to_classes(labels) == MOVING).sum())
+        labels = recording.labels(scan)
+        return 0 if labels is None else int((to_classes(labels) == MOVING).sum())
 
     return max(scans, key=movers)
 
 
-def _draw(out: Path, folder: Path, sequence: Sequence, system: System, report: Report) -> tuple[tuple[Path, ...], str]:
+def _draw(out: Path, recording: Indexed, system: System, report: Report) -> tuple[tuple[Path, ...], str]:
     """Pictures of the busiest scan and of all, of those with a full history; or none, and why."""
-    ready = range(min(HISTORY, len(sequence) - 1), len(sequence))
-    drawn = (out / "scan.png", [_busiest(folder, sequence, ready)]), (out / "street.gif", ready)
+    ready = range(min(HISTORY, len(recording) - 1), len(recording))
+    drawn = (out / "scan.png", [_busiest(recording, ready)]), (out / "street.gif", ready)
     total, done = sum(len(scans) for _, scans in drawn), 0
 
     def counted(scans: Iterable[int]) -> Iterator[int]:
@@ -128,7 +132,7 @@ def _draw(out: Path, folder: Path, sequence: Sequence, system: System, report: R
 
     try:
         for path, scans in drawn:
-            write_picture(path, snapshots(sequence, [system], counted(scans)))
+            write_picture(path, snapshots(recording, [system], counted(scans)))
     except MissingPackageError as error:
         return (), str(error)
     report(DRAW, total, total, "")

@@ -24,15 +24,16 @@ def doctor(
     calib: Calib = None,
 ) -> None:
     """Look at scans and poses and say in plain words what does not fit. Exit code 1 if anything is bad."""
-    from runtime.doctor.diagnose import diagnose
-    from runtime.recordings.sequence import find_sequences
+    from runtime.doctor.diagnose import examine
+    from runtime.recordings.recording import Options
+    from runtime.recordings.registry import find_recordings
 
-    folders = find_sequences(path, tuple(sequence or ()))
-    sensor = _sensor(bundle)
+    found = find_recordings(path, tuple(sequence or ()))
+    options, sensor = Options(poses, calib, pose_frame), _sensor(bundle)
     bad = False
-    for folder in folders:
-        findings = diagnose(folder, sensor, poses, calib, pose_frame)
-        show_findings(folder, findings)
+    for one in found:
+        findings = examine(one, sensor, options)
+        show_findings(one.path, findings)
         bad |= any(finding.level == "bad" for finding in findings)
     raise typer.Exit(1 if bad else 0)
 

@@ -27,15 +27,15 @@ class _Speed(ProgressColumn):
 
 
 @contextmanager
-def counted(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar for `progress(done, total)`."""
+def counted(what: str) -> Iterator[Callable[[int, int | None], None]]:
+    """A bar for `progress(done, total)`; total: None if it is not known."""
     name = TextColumn("{task.description}", markup=False)
     columns = name, BarColumn(), MofNCompleteColumn(), _Speed(), TimeRemainingColumn()
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task(what, total=None)
         started = False
 
-        def show(done: int, total: int) -> None:
+        def show(done: int, total: int | None) -> None:
             nonlocal started
             if started:
                 progress.update(task, completed=done, total=total)

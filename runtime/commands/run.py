@@ -8,11 +8,11 @@ import typer
 
 from runtime.commands.handler import is_interrupt
 from runtime.commands.options import Bundle, Calib, Frame, Input, Names, Poses, Threads
-from runtime.errors import SettingError
+from runtime.errors import some
 
 if TYPE_CHECKING:
     from runtime.predict import Summary
-    from runtime.recordings.sequence import Sequence
+    from runtime.recordings.recording import Indexed
     from runtime.runner import MosRunner
     from runtime.sensors.range_image import RangeImage
 
@@ -43,25 +43,28 @@ def run(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace predictions instead of continuing them.")
     ] = False,
+    skip_broken: Annotated[
+        bool,
+        typer.Option("--skip-broken", help="Leave scans that cannot be read, or have a broken pose, without a label."),
+    ] = False,
 ) -> None:
     """Label every point of a sequence: 251 moving, 9 everything else, in SemanticKITTI's layout.
 
     An interrupted run goes on where it was when the same command is given again.
     """
-    from runtime.recordings.sequence import find_sequences, open_sequence
+    from runtime.recordings.recording import Options
+    from runtime.recordings.registry import open_recordings
 
-    folders = find_sequences(path, tuple(sequence or ()))
-    if len(folders) > 1 and (poses or calib):
-        raise SettingError(f"--poses and --calib are for one sequence, not for {len(folders)}; pick one by --sequence")
-    sequences = [open_sequence(folder, poses, calib, pose_frame, limit) for folder in folders]
+    options = Options(poses, calib, pose_frame, limit, skip_broken=skip_broken)
+    recordings = open_recordings(path, tuple(sequence or ()), options)
 
     from runtime.runner import MosRunner
 
     try:
         runner = MosRunner(bundle, threads=threads, postprocess=postprocess.value if postprocess else None)
-        for folder, one in zip(folders, sequences, strict=True):
-            _warn_of_misfits(folder, runner.bundle.manifest.sensor.range_image, poses, calib, pose_frame)
-            show_summary(one.name, predict_with_progress(one, runner, out, overwrite))
+        for recording in recordings:
+            _warn_of_misfits(recording, runner.bundle.manifest.sensor.range_image)
+            show_summary(recording.name, predict_with_progress(recording, runner, out, overwrite, skip_broken))
     except (KeyboardInterrupt, SystemError) as error:
         if not is_interrupt(error):
             raise
@@ -69,24 +72,24 @@ def run(
         raise typer.Exit(130) from None
 
 
-def _warn_of_misfits(
-    folder: Path, sensor: "RangeImage", poses: Path | None, calib: Path | None, pose_frame: str | None
-) -> None:
-    """Say on stderr what makes the labels of a sequence worthless, such as poses in another frame."""
+def _warn_of_misfits(recording: "Indexed", sensor: "RangeImage") -> None:
+    """Say on stderr what makes the labels of a recording worthless, such as poses in another frame."""
     from runtime.doctor.diagnose import diagnose
 
-    for finding in diagnose(folder, sensor, poses, calib, pose_frame):
+    for finding in diagnose(recording, sensor):
         if finding.level == "bad":
-            typer.echo(f"mos: {folder}: {finding.topic}: {finding.text}. The labels will be wrong", err=True)
+            typer.echo(f"mos: {recording.source}: {finding.topic}: {finding.text}. The labels will be wrong", err=True)
 
 
-def predict_with_progress(sequence: "Sequence", runner: "MosRunner", out: Path, overwrite: bool) -> "Summary":
+def predict_with_progress(
+    recording: "Indexed", runner: "MosRunner", out: Path, overwrite: bool, skip_broken: bool
+) -> "Summary":
     """`predict` with a bar: scans done, scans per second, time left."""
     from runtime.commands.progress import counted
     from runtime.predict import predict
 
-    with counted(f"sequence {sequence.name}") as progress:
-        return predict(sequence, runner, out, overwrite=overwrite, on_progress=progress)
+    with counted(f"sequence {recording.name}") as progress:
+        return predict(recording, runner, out, overwrite=overwrite, skip_broken=skip_broken, on_progress=progress)
 
 
 def show_summary(name: str, summary: "Summary") -> None:
@@ -99,7 +102,8 @@ def show_summary(name: str, summary: "Summary") -> None:
 
     console = Console(highlight=False, markup=False)
     already = f", {summary.resumed} were there already" if summary.resumed else ""
-    console.print(f"sequence {name}: {summary.scans} scans{already}")
+    anew = f", {summary.anew} of them anew: they, or scans that their labels depend on, have changed"
+    console.print(f"sequence {name}: {summary.scans} scans{already}{anew if summary.anew else ''}")
     if summary.scans:
         share = percent(summary.moving / max(1, summary.points))
         console.print(f"{summary.points:,} points, {share} moving")
@@ -111,3 +115,6 @@ def show_summary(name: str, summary: "Summary") -> None:
             table.add_row(stage, f"{median:.1f}", f"{p95:.1f}", style="bold" if stage == "scan" else "")
         console.print(table)
     console.print(f"predictions: {summary.folder}", soft_wrap=True)
+    if summary.broken:
+        reasons = some([f"{key} ({reason})" for key, reason in summary.broken.items()])
+        typer.echo(f"mos: sequence {name}: {len(summary.broken)} broken scans have no label: {reasons}", err=True)

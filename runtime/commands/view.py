@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from runtime.commands.options import Bundle, Calib, Frame, Input, Poses, Threads
-from runtime.errors import SettingError
 
 
 def view(
@@ -43,16 +42,13 @@ def view(
     from runtime.pictures import check_output
     from runtime.pictures.command import check_viewer, open_viewer
     from runtime.pictures.command import view as draw
-    from runtime.recordings.sequence import find_sequences, open_sequence
+    from runtime.recordings.recording import Options
+    from runtime.recordings.registry import open_recording
 
     check_output(out)
     if show:
         check_viewer(out)
-    folders = find_sequences(path, (sequence,) if sequence else ())
-    if len(folders) > 1:
-        names = ", ".join(folder.name for folder in folders)
-        raise SettingError(f"{path}: has the sequences {names}; pick one by --sequence")
-    opened = open_sequence(folders[0], poses, calib, pose_frame)
+    opened = open_recording(path, Options(poses, calib, pose_frame), sequence)
     with counted("scans") as progress:
         draw(
             opened,

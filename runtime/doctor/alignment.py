@@ -7,7 +7,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from runtime.recordings.poses import Poses
-from runtime.recordings.scans import Scan
+from runtime.recordings.scans import ScanData
 
 CELL = 1.0  # m, side of the ground cells in which upright things are looked for
 UPRIGHT = 0.8  # m, height that the points of a cell must span to be an upright thing
@@ -19,7 +19,7 @@ REACH = 1.0  # m, a point farther from everything counts as this far
 Points = npt.NDArray[np.float64]  # (N, 3) m
 
 
-def upright(scan: Scan) -> Points:
+def upright(scan: ScanData) -> Points:
     """Points on walls, trunks, cars and the like, (M, 3) float64: of cells that span a height."""
     points: Points = scan[:, :3].astype(np.float64)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -45,7 +45,7 @@ class Landmarks:
     tree: cKDTree
 
     @classmethod
-    def of(cls, scan: Scan) -> "Landmarks":
+    def of(cls, scan: ScanData) -> "Landmarks":
         points = upright(scan)
         return cls(points, cKDTree(points))
 

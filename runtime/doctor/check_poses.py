@@ -1,17 +1,19 @@
 """Are poses rigid, whole, in the right frame and in step with their scans?"""
 
-from pathlib import Path
-
 import numpy as np
+import numpy.typing as npt
 
 from runtime.doctor.alignment import REACH, Landmarks, choose_pairs, misfits
-from runtime.doctor.findings import Finding, some
-from runtime.errors import PoseError, ScanError
-from runtime.recordings.poses import Pose, Poses, camera_to_lidar, check_pose, read_calib
-from runtime.recordings.scans import read_scan
-from runtime.recordings.sequence import PoseFiles
+from runtime.doctor.findings import Finding
+from runtime.errors import MosError, PoseError, some
+from runtime.recordings.poses import Pose, Poses, check_pose
+from runtime.recordings.recording import Indexed
 
-KITTI_AXES = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])  # T_camera_lidar, roughly
+READINGS = {  # what to do where the poses of a recording fit better if they are meant otherwise
+    "lidar": "they are taken as poses of the LiDAR: use --pose-frame lidar",
+    "camera": "they are taken as poses of KITTI's camera: use --pose-frame camera with its calib.txt",
+    "inverse": "they are inverted: the file seems to hold T_lidar_world",
+}
 PERIOD = 0.1  # s between scans of SemanticKITTI, and of the simulated streets
 SHIFT = 3  # scans by which poses are tried earlier and later
 FITS = 0.3  # m, median distance between static surroundings that fall together
@@ -20,7 +22,7 @@ BETTER = 0.93  # poses out of step must lower the misfit to this share to be bel
 MUCH_BETTER = 0.7  # the same for another meaning of all the poses
 
 
-def check_rigid(poses: Poses, file: Path) -> list[Finding]:
+def check_rigid(poses: Poses) -> list[Finding]:
     """Every pose finite and rigid."""
     broken = []
     for i, pose in enumerate(poses):
@@ -30,7 +32,7 @@ def check_rigid(poses: Poses, file: Path) -> list[Finding]:
             broken.append(str(error))
     if broken:
         rest = f" (and {len(broken) - 1} more poses)" if len(broken) > 1 else ""
-        return [Finding("bad", "poses", f"{file}: {broken[0]}{rest}")]
+        return [Finding("bad", "poses", f"{broken[0]}{rest}")]
     return [Finding("ok", "poses", f"{len(poses)} poses, all finite and rigid")]
 
 
@@ -57,16 +59,8 @@ def _beside(values: np.ndarray, i: int) -> float:
     return float(max(values[max(i - 1, 0) : i].max(initial=0), values[i + 1 : i + 2].max(initial=0)))
 
 
-def check_times(file: Path, scans: int) -> list[Finding]:
-    """Rate and gaps in KITTI's times.txt, one time in s a scan; nothing to say where there is none."""
-    if not file.is_file():
-        return []
-    try:
-        times = np.array([float(field) for field in file.read_text().split()])
-    except ValueError:
-        return [Finding("warn", "times", f"{file}: is not made of numbers")]
-    if len(times) != scans:
-        return [Finding("warn", "times", f"{file}: {len(times)} times for {scans} scans")]
+def check_times(times: npt.NDArray[np.float64]) -> list[Finding]:
+    """Rate and gaps of the times (T,) in s."""
     steps = np.diff(times)
     if len(steps) == 0:
         return []
@@ -80,18 +74,17 @@ def check_times(file: Path, scans: int) -> list[Finding]:
     return [Finding("ok", "times", f"{usual:.2f} s a scan, no gap")]
 
 
-def check_alignment(scans: tuple[Path, ...], poses: Poses, others: list[tuple[str, Poses]]) -> list[Finding]:
-    """Static surroundings under these poses against no poses, `others` (see `other_readings`) and poses out
-    of step.
+def check_alignment(recording: Indexed, poses: Poses) -> list[Finding]:
+    """Static surroundings under these poses against no poses, other meanings of them, and poses out of step.
 
-    poses: T_world_lidar, (len(scans), 4, 4).
+    poses: T_world_lidar, (len(recording), 4, 4).
     """
-    pairs = choose_pairs(len(scans), SHIFT) or choose_pairs(len(scans), 0)
+    pairs = choose_pairs(len(recording), SHIFT) or choose_pairs(len(recording), 0)
     if not pairs:
         return [Finding("warn", "alignment", "two scans are needed to see whether the poses fit")]
     try:
-        landmarks = {i: Landmarks.of(read_scan(scans[i])) for i in sorted({i for pair in pairs for i in pair})}
-    except ScanError as error:
+        landmarks = {i: Landmarks.of(recording.read(i).data) for i in sorted({i for pair in pairs for i in pair})}
+    except MosError as error:
         return [Finding("bad", "alignment", f"cannot be checked: {error}")]
     if min(len(thing.points) for thing in landmarks.values()) < 100:
         return [Finding("warn", "alignment", "too few walls, trunks or cars in sight to see whether the poses fit")]
@@ -106,9 +99,9 @@ def check_alignment(scans: tuple[Path, ...], poses: Poses, others: list[tuple[st
     moves = max(_motion(np.linalg.inv(poses[a]) @ poses[b]) for a, b in pairs)
     if moves < STANDS and still < FITS:
         return [Finding("ok", "alignment", f"{apart}; nothing moves, so that a wrong frame or step would not show")]
-    for reading, trial in others:
+    for meaning, trial in recording.other_poses().items():
         if fit(trial) < MUCH_BETTER * given:
-            return [Finding("bad", "alignment", f"{apart}, but only {_length(fit(trial))} if {reading}")]
+            return [Finding("bad", "alignment", f"{apart}, but only {_length(fit(trial))} if {READINGS[meaning]}")]
     if given > FITS or given > still:
         text = f"{apart}, and {_length(still)} with no poses at all: poses and scans do not belong together"
         return [Finding("bad", "alignment", text)]
@@ -124,22 +117,6 @@ def check_alignment(scans: tuple[Path, ...], poses: Poses, others: list[tuple[st
         text = f"{apart}, but far more from {some(lost)}: are these poses right?"
         return [Finding("warn", "alignment", text)]
     return [Finding("ok", "alignment", f"{apart} ({_length(still)} with no poses): poses and scans fit")]
-
-
-def other_readings(folder: Path, files: PoseFiles, raw: Poses) -> list[tuple[str, Poses]]:
-    """Other things that the poses of a file (T, 4, 4) may mean: what to do then, and T_world_lidar."""
-    inverse = "they are inverted: the file seems to hold T_lidar_world"
-    inverted: Poses = np.linalg.inv(raw).astype(np.float64)
-    if files.calib is not None:
-        lidar = "they are taken as poses of the LiDAR: use --pose-frame lidar"
-        return [(lidar, raw), (inverse, camera_to_lidar(inverted, read_calib(files.calib)))]
-    try:
-        tr: Pose = read_calib(folder / "calib.txt")
-        camera = "they are taken as poses of KITTI's camera: use --pose-frame camera"
-    except PoseError:
-        tr = KITTI_AXES
-        camera = "they are taken as poses of a camera: use --pose-frame camera with its calib.txt"
-    return [(camera, camera_to_lidar(raw, tr)), (inverse, inverted)]
 
 
 def _motion(relative: Pose) -> float:

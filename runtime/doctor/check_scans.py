@@ -1,16 +1,16 @@
 """Do scans hold what the network expects: metres, finite points, remission in 0..1, the field of view?"""
 
+import re
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from runtime.doctor.findings import Finding, percent, some
-from runtime.errors import ScanError
-from runtime.recordings.scans import Scan, count_points
-from runtime.recordings.sequence import scan_number
+from runtime.doctor.findings import Finding, percent
+from runtime.errors import MosError, some
+from runtime.recordings.recording import Indexed
+from runtime.recordings.scans import ScanData
 from runtime.sensors.range_image import RangeImage
 
 SECTORS = 719  # of half a degree, in each of which a beam leaves points of nearly one elevation; odd, so that their
@@ -22,7 +22,7 @@ BEAMS = (16, 32, 40, 64, 80, 128)  # that sensors have
 
 @dataclass(frozen=True)
 class Samples:
-    """The points of some scans of a sequence. From `ranges` on: only finite points not at the origin."""
+    """The points of some scans of a recording. From `ranges` on: only finite points not at the origin."""
 
     scans: int
     points: int
@@ -34,38 +34,45 @@ class Samples:
     beams: int  # of a scan of median size, as far as can be told
 
     @classmethod
-    def of(cls, scans: list[Scan]) -> "Samples":
-        every = np.concatenate(scans).astype(np.float64)
-        finite = np.isfinite(every).all(1)
-        origin = (every[:, :3] == 0).all(1)
-        points = every[finite & ~origin]
+    def of(cls, scans: list[ScanData]) -> "Samples":
+        xyz = np.concatenate([scan[:, :3] for scan in scans]).astype(np.float64)
+        remission = np.concatenate([scan[:, 3:].sum(1) for scan in scans]).astype(np.float64)  # 0 where there is none
+        finite = np.isfinite(xyz).all(1) & np.isfinite(remission)
+        origin = (xyz == 0).all(1)
+        points = xyz[finite & ~origin]
         ranges, elevations = _polar(points)
         return cls(
             scans=len(scans),
-            points=len(every),
-            infinite=float((~finite).mean()) if len(every) else 0.0,
-            origin=float(origin.mean()) if len(every) else 0.0,
+            points=len(xyz),
+            infinite=float((~finite).mean()) if len(xyz) else 0.0,
+            origin=float(origin.mean()) if len(xyz) else 0.0,
             ranges=ranges,
             elevations=elevations,
-            remissions=points[:, 3],
+            remissions=remission[finite & ~origin],
             beams=count_beams(sorted(scans, key=len)[len(scans) // 2]),
         )
 
 
-def check_files(scans: tuple[Path, ...]) -> list[Finding]:
-    """Numbering and sizes of all scan files."""
+def check_files(recording: Indexed) -> list[Finding]:
+    """Numbering and sizes of all scans."""
     found = []
-    numbers = [number for scan in scans if (number := scan_number(scan)) is not None]
+    keys = recording.keys
+    numbers = [number for key in keys if (number := scan_number(key)) is not None]
     steps = np.diff(numbers)
     gaps = [f"{a} to {b}" for a, b in pairwise(numbers) if b - a > np.median(steps)]
-    if gaps and len(numbers) == len(scans) and max(steps) < 1e6:
+    if gaps and len(numbers) == len(keys) and max(steps) < 1e6:
         found.append(Finding("warn", "scans", f"file names jump from {some(gaps)}: scans are missing there"))
     sizes: dict[str, int] = {}
-    for scan in scans:
+    broken: dict[str, str] = {}
+    for index, key in enumerate(keys):
         try:
-            sizes[scan.name] = count_points(scan)
-        except ScanError as error:
-            found.append(Finding("bad", "scans", str(error)))
+            sizes[key] = recording.count(index)
+        except MosError as error:
+            broken[key] = str(error)
+    if broken:
+        first, *others = broken
+        more = f" (and {len(others)} more: {some(others)})" if others else ""
+        found.append(Finding("bad", "scans", f"{broken[first]}{more}"))
     usual = np.median(list(sizes.values())) if sizes else 0
     empty = [name for name, size in sizes.items() if size == 0]
     small = [name for name, size in sizes.items() if 0 < size < usual / 2]
@@ -74,8 +81,14 @@ def check_files(scans: tuple[Path, ...]) -> list[Finding]:
     if small:
         found.append(Finding("warn", "scans", f"{some(small)}: less than half the usual {usual:,.0f} points"))
     if not any(finding.level == "bad" for finding in found):
-        found.append(Finding("ok", "scans", f"{len(scans)} scans of about {usual:,.0f} points"))
+        found.append(Finding("ok", "scans", f"{len(keys)} scans of about {usual:,.0f} points"))
     return found
+
+
+def scan_number(key: str) -> int | None:
+    """The number in the name of a scan, None where there is none or several."""
+    numbers = re.findall(r"\d+", key)
+    return int(numbers[0]) if len(numbers) == 1 else None
 
 
 def check_points(samples: Samples) -> list[Finding]:
@@ -145,7 +158,7 @@ def check_sensor(samples: Samples, sensor: RangeImage) -> list[Finding]:
     return found
 
 
-def count_beams(scan: Scan) -> int:
+def count_beams(scan: ScanData) -> int:
     """Beams of the sensor, by the distinct elevations within narrow sectors, rounded to a usual number."""
     points = scan[np.isfinite(scan).all(1)].astype(np.float64)
     points = points[np.linalg.norm(points[:, :3], axis=1) > 1]

@@ -15,12 +15,6 @@ class Finding:
     text: str
 
 
-def some(names: list[str], most: int = 3) -> str:
-    """The first few of `names`, and how many more there are."""
-    rest = len(names) - most
-    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
-
-
 def percent(share: float) -> str:
     """A share as text: 12 %, 0.3 %, under 0.1 %."""
     value = 100 * share

@@ -13,7 +13,7 @@ from runtime.evaluation.benchmark import check_prediction, check_truth
 from runtime.evaluation.confusion import Confusion
 from runtime.evaluation.layout import Frame, raise_all
 from runtime.recordings.labels import read_labels
-from runtime.recordings.scans import Scan, read_scan
+from runtime.recordings.scans import ScanData, read_scan
 
 STEP = 10.0  # m, width of a range bin
 BINS = ("0-10 m", "10-20 m", "20-30 m", "30-40 m", "40-50 m", "50+ m", "unknown")  # unknown: no scan, or not finite
@@ -28,7 +28,9 @@ class Counts:
     points: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((len(BINS), WIDTH, len(CLASSES)), np.int64))
     frames: int = 0
 
-    def add(self, truth: npt.NDArray[np.uint32], predicted: npt.NDArray[np.uint32], scan: Scan | None = None) -> None:
+    def add(
+        self, truth: npt.NDArray[np.uint32], predicted: npt.NDArray[np.uint32], scan: ScanData | None = None
+    ) -> None:
         """Count a frame: raw labels of the benchmark, (N,) each; scan (N, 4) m for the ranges."""
         where = np.full(len(truth), UNKNOWN) if scan is None else range_bins(scan)
         cell = (where * WIDTH + label_ids(truth)) * len(CLASSES) + to_classes(predicted)
@@ -52,7 +54,7 @@ class Counts:
         return int(row[MOVING]), int(row.sum())
 
 
-def range_bins(scan: Scan) -> npt.NDArray[np.intp]:
+def range_bins(scan: ScanData) -> npt.NDArray[np.intp]:
     """Index into BINS of every point, (N,), by its distance from the sensor; a bin holds its lower end."""
     points = scan[:, :3].astype(np.float64)  # so that no square of a float32 overflows
     distance = np.sqrt(np.einsum("ij,ij->i", points, points))
@@ -83,7 +85,7 @@ def evaluate(
     return counts
 
 
-def _read(frame: Frame, with_range: bool) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32], Scan | None]:
+def _read(frame: Frame, with_range: bool) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32], ScanData | None]:
     truth = _checked(frame.truth, None, check_truth)
     predicted = _checked(frame.prediction, len(truth), check_prediction)
     scan = read_scan(frame.scan) if with_range and frame.scan else None

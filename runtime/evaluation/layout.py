@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from runtime.doctor.findings import some
-from runtime.errors import SequenceError
+from runtime.errors import SequenceError, some
 from runtime.recordings.scans import SUFFIXES
 
 MOST = 10  # problems that a message names one by one

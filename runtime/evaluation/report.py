@@ -7,7 +7,7 @@ from typing import Any
 
 from runtime import __version__
 from runtime.classes import MOVERS
-from runtime.doctor.findings import some
+from runtime.errors import some
 from runtime.evaluation.confusion import Confusion
 from runtime.evaluation.evaluate import BINS, UNKNOWN, Counts, evaluate
 from runtime.evaluation.layout import Frame, Frames

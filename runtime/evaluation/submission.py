@@ -1,18 +1,17 @@
 """The archive that the benchmark's server takes, checked as the server does and a little more strictly."""
 
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from runtime.doctor.findings import some
-from runtime.errors import SequenceError, SettingError
+from runtime.errors import SequenceError, SettingError, some
 from runtime.evaluation.benchmark import TEST_SCANS, check_prediction
 from runtime.evaluation.layout import by_stem, find_labels, raise_all
 from runtime.files import replacing
 from runtime.recordings.labels import LABEL_BYTES, read_labels
-from runtime.recordings.scans import count_points
-from runtime.recordings.sequence import find_sequences, list_scans
+from runtime.recordings.recording import Indexed, Options
+from runtime.recordings.registry import open_recordings
 
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of every entry, so that the same predictions give the same archive
 SO = "nothing was packed"
@@ -92,23 +91,25 @@ def _pick(predictions: str | Path, names: tuple[str, ...]) -> dict[str, Path]:
     return {name: found[name] for name in TEST_SCANS}
 
 
-def _scans(truth: str | Path, names: tuple[str, ...]) -> dict[str, Mapping[str, Path]]:
-    """Scans of each sequence by name without suffix."""
-    folders = find_sequences(truth)
-    if len(folders) == len(names) == 1:
-        return {names[0]: {scan.stem: scan for scan in list_scans(folders[0])}}
-    by_name = {folder.name: folder for folder in folders}
+def _scans(truth: str | Path, names: tuple[str, ...]) -> dict[str, Indexed]:
+    """The recording of each sequence."""
+    recordings = open_recordings(truth, options=Options(with_poses=False))
+    if len(recordings) == len(names) == 1:
+        return {names[0]: recordings[0]}
+    by_name = {one.name: one for one in recordings}
     raise_all([f"sequence {name}: no scans under {truth}" for name in names if name not in by_name], SO)
-    return {name: {scan.stem: scan for scan in list_scans(by_name[name])} for name in names}
+    return {name: by_name[name] for name in names}
 
 
-def _sizes(folder: Path, scans: Mapping[str, Path]) -> list[str]:
+def _sizes(folder: Path, scans: Indexed) -> list[str]:
     """Problems of the files in `folder`, of which every scan needs one with a label for each point."""
     labels = by_stem(folder)
-    problems = [f"{folder / stem}.label: missing" for stem in scans if stem not in labels]
-    problems += [f"{file}: there is no scan of this name" for stem, file in labels.items() if stem not in scans]
-    for stem in scans.keys() & labels.keys():
-        points, size = count_points(scans[stem]), labels[stem].stat().st_size
+    problems = [f"{folder / stem}.label: missing" for stem in scans.keys if stem not in labels]
+    problems += [f"{labels[stem]}: there is no scan of this name" for stem in labels.keys() - set(scans.keys)]
+    for index, stem in enumerate(scans.keys):
+        if stem not in labels:
+            continue
+        points, size = scans.count(index), labels[stem].stat().st_size
         if size != LABEL_BYTES * points:
             problems.append(f"{labels[stem]}: {size} bytes are not the {LABEL_BYTES}-byte labels of {points} points")
     return sorted(problems)

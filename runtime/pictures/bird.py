@@ -7,7 +7,7 @@ from PIL import Image, ImageDraw
 from runtime.pictures.raster import SAMPLES, packed, stamp, to_canvas, to_image
 from runtime.pictures.text import write
 from runtime.pictures.verdict import BACKGROUND, CAR_PAINT, COLOURS, INK, STILL, Kinds
-from runtime.recordings.scans import Scan
+from runtime.recordings.scans import ScanData
 
 RING_STEP = 10  # m
 RING = (52, 62, 78)
@@ -16,13 +16,13 @@ PLAIN, MARKED = 3, 6  # canvas pixels, size of a point that is static and of one
 FLOOR, ROOF = -2.0, 2.5  # m above the LiDAR: static points are darkest and brightest there
 
 
-def pixels_of(points: Scan, size: tuple[int, int], reach: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def pixels_of(points: ScanData, size: tuple[int, int], reach: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Columns and rows of points (N, >=2) m in a picture of `size` (width, height) that shows x in +-reach m."""
     scale = size[0] / (2 * reach)
     return size[0] / 2 + points[:, 0] * scale, size[1] / 2 - points[:, 1] * scale
 
 
-def draw_bird(points: Scan, kinds: Kinds, size: tuple[int, int], reach: float) -> Image.Image:
+def draw_bird(points: ScanData, kinds: Kinds, size: tuple[int, int], reach: float) -> Image.Image:
     """Points (N, 4) m in the colours of their kinds (N,); what moves is larger and lies on top. RGB of `size`."""
     shown = np.isfinite(points[:, :3]).all(axis=1)
     points, kinds = points[shown], kinds[shown]

@@ -10,13 +10,13 @@ from runtime.bundle.residual import HISTORY
 from runtime.errors import SettingError
 from runtime.pictures.output import check_output, write_picture
 from runtime.pictures.snapshot import Live, Snapshot, Stored, System, snapshots
-from runtime.recordings.sequence import Sequence
+from runtime.recordings.recording import Indexed
 
 COUNT = 30  # scans of a GIF or recording unless told otherwise
 
 
 def view(
-    sequence: Sequence,
+    recording: Indexed,
     out: str | Path,
     *,
     predictions: Path | None = None,
@@ -27,25 +27,25 @@ def view(
     threads: int = 2,
     on_progress: Callable[[int, int], object] = lambda done, total: None,
 ) -> int:
-    """Write the picture `out` of a sequence; the number of scans in it.
+    """Write the picture `out` of a recording; the number of scans in it.
 
     predictions: root or folder of .label files; None: what `bundle`, or the default one, says.
     compare: such files of a second system, shown beside the first.
-    scan: position in the sequence, from 0: of the one scan of a .png (None: in the middle), of the first one of
+    scan: position in the recording, from 0: of the one scan of a .png (None: in the middle), of the first one of
         `count` scans of a .gif or .rrd (None: 0).
 
     Raises SettingError, SequenceError, MissingPackageError, OutputError and what a runner raises.
     """
     suffix = check_output(out)
-    chosen = choose_scans(sequence, scan, 1 if suffix == ".png" else count)
-    systems: list[System] = [Stored(root, sequence) for root in (predictions, compare) if root is not None]
+    chosen = choose_scans(recording, scan, 1 if suffix == ".png" else count)
+    systems: list[System] = [Stored(root, recording) for root in (predictions, compare) if root is not None]
     if predictions is None:
         from runtime.runner import MosRunner
 
-        systems.insert(0, Live(MosRunner(bundle, threads=threads), sequence))
+        systems.insert(0, Live(MosRunner(bundle, threads=threads), recording))
 
     def reported() -> Iterator[Snapshot]:
-        for done, one in enumerate(snapshots(sequence, systems, chosen)):
+        for done, one in enumerate(snapshots(recording, systems, chosen)):
             on_progress(done, len(chosen))
             yield one
 
@@ -54,13 +54,15 @@ def view(
     return shown
 
 
-def choose_scans(sequence: Sequence, scan: int | None, count: int) -> range:
+def choose_scans(recording: Indexed, scan: int | None, count: int) -> range:
     """At most `count` scans from number `scan` on. Raises SettingError where there is no such scan."""
-    last = len(sequence) - 1
+    last = len(recording) - 1
     if scan is None:  # a single one with a full history, if there is any
         scan = min(max(last // 2, HISTORY), last) if count == 1 else 0
     if not 0 <= scan <= last:
-        raise SettingError(f"there is no scan {scan}: sequence {sequence.name} has the scans 0 to {last} (by position)")
+        raise SettingError(
+            f"there is no scan {scan}: sequence {recording.name} has the scans 0 to {last} (by position)"
+        )
     return range(scan, min(scan + count, last + 1))
 
 

@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.classes import MOVING, STATIC, to_classes
-from runtime.errors import SequenceError
+from runtime.errors import SequenceError, some
 from runtime.evaluation.confusion import Confusion
 from runtime.evaluation.layout import by_stem, find_labels
 from runtime.recordings.labels import read_labels
 from runtime.recordings.poses import Pose
-from runtime.recordings.scans import Scan
+from runtime.recordings.recording import Indexed, Scan
 
 if TYPE_CHECKING:
-    from runtime.recordings.sequence import Sequence as Recording
     from runtime.runner import MosRunner
 
 
@@ -26,9 +25,9 @@ class Snapshot:
     """One scan."""
 
     sequence: str
-    index: int  # of the scan in the sequence, from 0
-    scan: str  # file name without suffix
-    points: Scan  # (N, 4) float32 x, y, z in m, LiDAR frame, and remission
+    index: int  # of the scan in the recording, from 0
+    scan: str  # its key
+    points: NDArray[np.float32]  # (N, 3) m, LiDAR frame
     pose: Pose  # (4, 4) float64 T_world_lidar
     classes: NDArray[np.uint8] | None  # (N,) true classes: 0 unlabelled, 1 static, 2 moving
     moving: Mapping[str, NDArray[np.bool_]]  # (N,) what each system calls moving
@@ -47,77 +46,67 @@ class System(Protocol):
 
     name: str
 
-    def moving(self, index: int, points: Scan) -> NDArray[np.bool_]:
-        """(N,) of scan `index` of the sequence that it was made for, whose points are (N, 4)."""
+    def moving(self, index: int, scan: Scan) -> NDArray[np.bool_]:
+        """(N,) of the scan, which is number `index` of the recording that this was made for."""
         ...
 
 
 class Stored:
     """Predictions in files, as `mos run` and other tools write them."""
 
-    def __init__(self, root: str | Path, sequence: "Recording", name: str | None = None) -> None:
+    def __init__(self, root: str | Path, recording: Indexed, name: str | None = None) -> None:
         """root: with sequences/NN/predictions/*.label, or one such folder, which gives the system its name unless
         there is another. Raises SequenceError where there are none.
         """
         self.name = name or Path(root).resolve().name
         found = find_labels(root, "predictions")
-        if sequence.name not in found and len(found) > 1:
-            raise SequenceError(f"{root}: has no predictions of sequence {sequence.name}; there are {', '.join(found)}")
-        self._folder = found.get(sequence.name) or next(iter(found.values()))
+        if recording.name not in found and len(found) > 1:
+            there = some(list(found), most=30)
+            raise SequenceError(f"{root}: has no predictions of sequence {recording.name}; there are {there}")
+        self._folder = found.get(recording.name) or next(iter(found.values()))
         self._files = by_stem(self._folder)
-        self._sequence = sequence
 
-    def moving(self, index: int, points: Scan) -> NDArray[np.bool_]:
-        scan = self._sequence.scans[index]
-        if scan.stem not in self._files:
+    def moving(self, index: int, scan: Scan) -> NDArray[np.bool_]:
+        if scan.key not in self._files:
             raise SequenceError(
-                f"{self._folder / scan.stem}.label: there is no prediction of this scan; choose another scan, or let "
+                f"{self._folder / scan.key}.label: there is no prediction of this scan; choose another scan, or let "
                 f"the tool finish the sequence first"
             )
-        moving: NDArray[np.bool_] = to_classes(read_labels(self._files[scan.stem], len(points))) == MOVING
+        moving: NDArray[np.bool_] = to_classes(read_labels(self._files[scan.key], len(scan.data))) == MOVING
         return moving
 
 
 class Live:
     """A runner, asked while the picture is made. Gives what `mos run` writes, from whichever scan on."""
 
-    def __init__(self, runner: "MosRunner", sequence: "Recording") -> None:
+    def __init__(self, runner: "MosRunner", recording: Indexed) -> None:
         self.name = runner.bundle.manifest.name
-        self._runner, self._sequence = runner, sequence
+        self._runner, self._recording = runner, recording
         self._next = -1  # scan that the runner's history is right for
 
-    def moving(self, index: int, points: Scan) -> NDArray[np.bool_]:
+    def moving(self, index: int, scan: Scan) -> NDArray[np.bool_]:
         if index != self._next:
             self._runner.reset()
             for past in range(max(0, index - self._runner.history_length), index):
-                self._runner.remember(*self._read(past))
+                before = self._recording.read(past)
+                self._runner.remember(before.data, before.known_pose(), before.time)
         self._next = index + 1
-        return self._runner(*self._read(index)).moving
-
-    def _read(self, index: int) -> tuple[Scan, Pose]:
-        return self._sequence.read(index, remission_fill=self._runner.bundle.manifest.sensor.range_image.mean[4])
+        return self._runner(scan.data, scan.known_pose(), scan.time).moving
 
 
-def snapshots(sequence: "Recording", systems: Sequence[System], indices: Iterable[int]) -> Iterator[Snapshot]:
-    """The scans `indices` of a sequence, with labels where it has any.
+def snapshots(recording: Indexed, systems: Sequence[System], indices: Iterable[int]) -> Iterator[Snapshot]:
+    """The scans `indices` of a recording, with labels where it has any.
 
     Raises ScanError, SequenceError or what a runner raises; with neither systems nor labels a SequenceError.
     """
     for index in indices:
-        points, pose = sequence.read(index)
-        path = sequence.scans[index]
-        classes = _true_classes(path, len(points))
+        scan, labels = recording.read(index), recording.labels(index)
+        classes = None if labels is None else to_classes(labels)
         if classes is None and not systems:
-            raise SequenceError(f"{path}: has neither predictions nor labels: there is nothing to show but points")
-        moving = {name: system.moving(index, points) for name, system in zip(_names(systems), systems, strict=True)}
-        yield Snapshot(sequence.name, index, path.stem, points, pose, classes, moving)
-
-
-def _true_classes(scan: Path, points: int) -> NDArray[np.uint8] | None:
-    """Classes by the label file of a scan, KITTI's way (beside velodyne/) or beside the scans; None without one."""
-    folder = scan.parent.parent if scan.parent.name == "velodyne" else scan.parent
-    path = folder / "labels" / f"{scan.stem}.label"
-    return to_classes(read_labels(path, points)) if path.is_file() else None
+            where = f"{recording.source}: scan {scan.key}"
+            raise SequenceError(f"{where} has neither predictions nor labels: there is nothing to show but points")
+        moving = {name: system.moving(index, scan) for name, system in zip(_names(systems), systems, strict=True)}
+        yield Snapshot(recording.name, index, scan.key, scan.points, scan.known_pose(), classes, moving)
 
 
 def _names(systems: Sequence[System]) -> list[str]:

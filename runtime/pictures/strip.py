@@ -7,21 +7,21 @@ from PIL import Image, ImageDraw
 from runtime.pictures.raster import SAMPLES, packed, stamp, to_canvas, to_image
 from runtime.pictures.text import write
 from runtime.pictures.verdict import BACKGROUND, COLOURS, INK, STILL, Kinds
-from runtime.recordings.scans import Scan
+from runtime.recordings.scans import ScanData
 
 COLUMNS, ROWS = 2048, 64  # of an HDL-64E: what one point covers
 NEAR, FAR = 3.0, 60.0  # m: static points are brightest and darkest there
 OUTLIERS = 0.1  # percent of the points that may lie above the strip, and below it
 
 
-def angles_of(points: Scan) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+def angles_of(points: ScanData) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Azimuth (to the left), elevation (up), both in degrees, and range in m of points (N, >=3)."""
     x, y, z = points[:, :3].T
     flat = np.hypot(x, y)
     return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, flat)), np.hypot(flat, z)
 
 
-def draw_strip(points: Scan, kinds: Kinds, size: tuple[int, int]) -> Image.Image:
+def draw_strip(points: ScanData, kinds: Kinds, size: tuple[int, int]) -> Image.Image:
     """Points (N, 4) m in the colours of their kinds (N,), the near before the far. RGB of `size` (width, height).
 
     The heights are those of the sensor's own field of view, whatever sensor it is.

@@ -6,8 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.errors import PoseError
+from runtime.recordings.text import lines_of, read_text, to_numbers
 
-RIGID_TOLERANCE = 1e-3  # largest entry of R R^T - I, and of |det R - 1|, that rounding in a text file may cause
+# Largest entry of R R^T - I, and of |det R - 1|, up to which a rotation is taken as it is, and up to which the nearest
+# one is taken in its place: rounding to three decimals costs at most 2.6e-3.
+RIGID_TOLERANCE = 1e-3
+ROUNDED_TOLERANCE = 3e-3
 
 Pose = npt.NDArray[np.float64]  # (4, 4)
 Poses = npt.NDArray[np.float64]  # (T, 4, 4)
@@ -17,17 +21,14 @@ def read_poses(path: str | Path) -> Poses:
     """Poses of a text file, (T, 4, 4) float64 in the frame of the file, not yet checked by `check_pose`.
 
     One pose a line: 12 numbers (KITTI, the upper three rows), 16 numbers (the whole matrix), or 8 numbers
-    (TUM: time, position, quaternion x y z w; the time is not used). Empty lines and lines that begin with #
-    are skipped. Raises PoseError naming the file and the line.
+    (TUM: time, position, quaternion x y z w; the time is not used). Lines as in `lines_of`. Raises PoseError naming
+    the file and the line.
     """
     path = Path(path)
     rows: list[list[float]] = []
-    for number, line in enumerate(_read_text(path).splitlines(), 1):
-        fields = line.split("#")[0].split()
-        if not fields:
-            continue
+    for number, fields in lines_of(read_text(path)):
         try:
-            row = [float(field) for field in fields]
+            row = to_numbers(fields)
         except ValueError as error:
             raise PoseError(f"{path}: line {number} is not made of numbers") from error
         if len(row) not in (8, 12, 16) or len(row) != len(rows[0] if rows else row):
@@ -44,22 +45,6 @@ def read_poses(path: str | Path) -> Poses:
     return poses
 
 
-def read_calib(path: str | Path) -> Pose:
-    """`Tr` = T_camera_lidar of a KITTI calib.txt, (4, 4). Raises PoseError if missing or not rigid."""
-    path = Path(path)
-    for line in _read_text(path).splitlines():
-        key, _, text = line.partition(":")
-        if key.strip() in ("Tr", "Tr_velo_to_cam"):
-            try:
-                values = [float(field) for field in text.split()]
-            except ValueError as error:
-                raise PoseError(f"{path}: {key} is not made of numbers") from error
-            if len(values) != 12:
-                raise PoseError(f"{path}: {key} has {len(values)} numbers, not 12")
-            return check_pose(np.vstack([np.reshape(values, (3, 4)), [0, 0, 0, 1]]), f"{path}: {key}")
-    raise PoseError(f"{path}: has no line 'Tr:' with the transform from LiDAR to camera")
-
-
 def camera_to_lidar(poses: Poses, tr: Pose) -> Poses:
     """KITTI camera poses (T, 4, 4) to T_world_lidar (T, 4, 4), the world being the LiDAR frame of the first
     pose.
@@ -74,7 +59,10 @@ def camera_to_lidar(poses: Poses, tr: Pose) -> Poses:
 
 
 def check_pose(pose: npt.ArrayLike, where: str = "pose") -> Pose:
-    """`pose` as (4, 4) float64. Raises PoseError, beginning with `where`, unless it is rigid and finite."""
+    """`pose` as (4, 4) float64; a rotation of few decimals as the nearest rotation, a good one bit for bit as it is.
+
+    Raises PoseError, beginning with `where`, unless it is rigid and finite.
+    """
     try:
         matrix = np.asarray(pose, np.float64)
     except (TypeError, ValueError) as error:
@@ -85,16 +73,37 @@ def check_pose(pose: npt.ArrayLike, where: str = "pose") -> Pose:
         raise PoseError(f"{where}: holds NaN or infinity; leave such scans out or repair their poses")
     if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
         raise PoseError(f"{where}: the last row must be 0 0 0 1, not {matrix[3]}; is the matrix transposed?")
-    rotation = matrix[:3, :3]
-    with np.errstate(all="ignore"):
-        skew = np.abs(rotation @ rotation.T - np.eye(3)).max()
-        determinant = np.linalg.det(rotation)
-    if not (skew <= RIGID_TOLERANCE and abs(determinant - 1) <= RIGID_TOLERANCE):
+    skew, determinant = _deviation(matrix)
+    if not max(skew, abs(determinant - 1)) <= ROUNDED_TOLERANCE:
         raise PoseError(
             f"{where}: is not a rigid transform (R R^T differs from 1 by {skew:.2g}, det R is "
             f"{determinant:.4g}); its rotation must be orthonormal and right-handed, without scale"
         )
-    return matrix
+    return with_nearest_rotations(matrix)
+
+
+def with_nearest_rotations(poses: Poses) -> Poses:
+    """Poses (..., 4, 4) with the nearest orthonormal matrix where a rotation has few decimals; the others stay.
+
+    Returns `poses` itself where there is none of that kind.
+    """
+    skew, determinant = _deviation(poses)
+    off = np.maximum(skew, abs(determinant - 1))
+    rounded = (off > RIGID_TOLERANCE) & (off <= ROUNDED_TOLERANCE)
+    if not rounded.any():
+        return poses
+    u, _, vt = np.linalg.svd(poses[rounded, :3, :3])
+    repaired = poses.copy()
+    repaired[rounded, :3, :3] = u @ vt
+    return repaired
+
+
+def _deviation(poses: Poses) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Of poses (..., 4, 4): largest entry of R R^T - I, and det R."""
+    rotation = poses[..., :3, :3]
+    with np.errstate(all="ignore"):
+        skew = np.abs(rotation @ rotation.swapaxes(-1, -2) - np.eye(3)).max((-2, -1))
+        return skew, np.linalg.det(rotation)
 
 
 def relative_pose(target: Pose, source: Pose) -> Pose:
@@ -122,12 +131,3 @@ def _from_tum(values: npt.NDArray[np.float64]) -> Poses:
     poses[:, 1, :3] = np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1)
     poses[:, 2, :3] = np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1)
     return poses
-
-
-def _read_text(path: Path) -> str:
-    try:
-        return path.read_text()
-    except OSError as error:
-        raise PoseError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise PoseError(f"{path}: is not a text file") from error

@@ -1,4 +1,4 @@
-"""One LiDAR scan: (N, 4) float32 x y z in metres, LiDAR frame, and remission."""
+"""The points of a scan: (N, 4) float32 x y z in metres, LiDAR frame, and remission; (N, 3) where there is none."""
 
 from pathlib import Path
 
@@ -7,19 +7,17 @@ import numpy.typing as npt
 
 from runtime.errors import ScanError
 
-SUFFIXES = (".bin", ".npy")  # KITTI's raw float32 x y z remission; a NumPy array (N, 4) or (N, 3)
+SUFFIXES = (".bin", ".npy")  # KITTI's raw float32 x y z remission; a NumPy array (N, 4) or (N, 3). Upper case too
 POINT_BYTES = 16  # of one point in a .bin file
 
-Scan = npt.NDArray[np.float32]
+ScanData = npt.NDArray[np.float32]  # (N, 4) or (N, 3)
 
 
-def as_scan(array: npt.ArrayLike, remission_fill: float = 0.0, where: str = "scan") -> Scan:
-    """`array` as (N, 4) float32, C-contiguous; no copy where it is that already, so never write into the
-    result.
+def as_scan(array: npt.ArrayLike, where: str = "scan") -> ScanData:
+    """`array` as float32, C-contiguous; no copy where it is that already, so never write into the result.
 
-    Accepts (N, 4) or (N, 3) of float32 or float64. Without remission every point gets `remission_fill`: give
-    the mean that the network normalises by, which becomes 0. NaN and infinite points stay (float64 beyond the
-    range of float32 becomes infinite). Raises ScanError, its message beginning with `where`.
+    Accepts (N, 4) or (N, 3) of float32 or float64. NaN and infinite points stay (float64 beyond the range of float32
+    becomes infinite). Raises ScanError, its message beginning with `where`.
     """
     try:
         data = np.asarray(array)
@@ -32,29 +30,30 @@ def as_scan(array: npt.ArrayLike, remission_fill: float = 0.0, where: str = "sca
             f"{where}: a scan has the shape (points, 4) for x y z remission, or (points, 3) without "
             f"remission, not {data.shape}"
         )
-    if data.shape[1] == 4:
-        with np.errstate(over="ignore"):
-            return np.ascontiguousarray(data, np.float32)
-    scan = np.empty((len(data), 4), np.float32)
     with np.errstate(over="ignore"):
-        scan[:, :3] = data
-    scan[:, 3] = remission_fill
-    return scan
+        return np.ascontiguousarray(data, np.float32)
 
 
-def read_scan(path: str | Path, remission_fill: float = 0.0) -> Scan:
-    """The scan in a .bin (float32 x y z remission) or .npy file, as `as_scan`. Raises ScanError."""
+def read_scan(path: str | Path) -> ScanData:
+    """The points in a .bin (float32 x y z remission) or .npy file, as `as_scan`. Raises ScanError."""
     path = Path(path)
-    if path.suffix == ".npy":
-        return as_scan(_load_npy(path), remission_fill, str(path))
+    if path.suffix.lower() == ".npy":
+        return as_scan(_open_npy(path), str(path))
     _check_size(path)
-    return as_scan(np.fromfile(path, "<f4").reshape(-1, 4), where=str(path))
+    try:
+        return as_scan(np.fromfile(path, "<f4").reshape(-1, 4), str(path))
+    except (OSError, ValueError) as error:  # a disk that fails, a file that is being written
+        raise ScanError(f"{path}: cannot be read: {error}") from error
 
 
 def count_points(path: str | Path) -> int:
-    """Number of points in a scan file. Raises ScanError naming it."""
+    """Number of points in a scan file, of which only size or head are read. Raises ScanError naming it."""
     path = Path(path)
-    return len(read_scan(path)) if path.suffix == ".npy" else _check_size(path)
+    if path.suffix.lower() != ".npy":
+        return _check_size(path)
+    array = _open_npy(path, mapped=True)
+    as_scan(array[:0], str(path))
+    return len(array)
 
 
 def _check_size(path: Path) -> int:
@@ -70,9 +69,10 @@ def _check_size(path: Path) -> int:
     return size // POINT_BYTES
 
 
-def _load_npy(path: Path) -> npt.NDArray[np.generic]:
+def _open_npy(path: Path, mapped: bool = False) -> npt.NDArray[np.generic]:
+    """The array in a file; mapped: without reading it."""
     try:
-        array = np.load(path, allow_pickle=False)
+        array = np.load(path, allow_pickle=False, mmap_mode="r" if mapped else None)
     except (ValueError, EOFError, OSError) as error:
         raise ScanError(f"{path}: cannot be read as a NumPy array: {error}") from error
     if not isinstance(array, np.ndarray):

@@ -469,13 +469,12 @@ def test_runner_made_in_a_forked_child():
 @pytest.mark.parametrize("refine", ["near", "all"])
 def test_equal_to_pytorch_from_scan_to_points(refine):
     """Committed scans, through everything, against what the PyTorch network gave for the naive input."""
-    from runtime.recordings.sequence import open_sequence
+    from runtime.recordings.registry import open_recording
 
     runner = MosRunner(BUNDLE, threads=2, postprocess="head", refine=refine)
-    sequence = open_sequence(BUNDLE.parent / "scans/sequences/00")
-    for i in range(len(sequence)):
-        scan, pose = sequence.read(i)
-        result = runner(scan, pose)
+    for read in open_recording(BUNDLE.parent / "scans/sequences/00"):
+        result = runner(read.data, read.pose)
+    scan = read.data
     want = np.load(BUNDLE.parent / "expected.npy")
     assert result.ready
     assert (scan[want.sum(1) == 0, :3] == 0).all()  # the one point at the origin

@@ -21,7 +21,7 @@ from mos_model.networks.network import build_image_network, build_point_head
 from mos_model.simulator.write import write_dataset
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.bundle.residual import HISTORY
-from runtime.recordings.sequence import open_sequence
+from runtime.recordings.registry import open_recording
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.registry import SENSORS
 from tests.support.paths import TINY
@@ -63,8 +63,8 @@ def expected_probabilities(checkpoint: Path, sequence: Path) -> np.ndarray:
     found = load(checkpoint)
     config, head = found.config, found.point_head
     assert head is not None
-    opened = open_sequence(sequence)
-    *past, (points, pose) = [opened.read(i) for i in range(HISTORY + 1)]
+    drive = [(scan.data, scan.known_pose()) for scan in open_recording(sequence).scans()]
+    *past, (points, pose) = drive[: HISTORY + 1]
     past.reverse()
     relative = [np.linalg.inv(pose) @ other for _, other in past]
     image = input_image(points, [scan for scan, _ in past], relative, config.sensor, config.residual)

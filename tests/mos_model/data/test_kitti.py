@@ -24,7 +24,7 @@ def root(tmp_path):
 def test_a_frame(root):
     (recording,) = kitti.open_recordings(root, ["00"])
     frame = recording.frame(3, SENSOR)
-    scan = np.fromfile(recording.scans[3], np.float32).reshape(-1, 4)
+    scan = np.fromfile(recording.scans.files[3], np.float32).reshape(-1, 4)
     assert np.array_equal(frame.points, scan[:-1])  # the point at the origin is left out
     assert np.array_equal(frame.classes, [2] * 120 + [1] * 175 + [0] * 4)
     assert frame.pose[:3, 3] == pytest.approx([3, 0, 0])

@@ -104,12 +104,12 @@ def test_run_of_the_first_scans_with_lidar_poses(folder, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run", "absent"], "is no folder"),
+        (["run", "absent"], "does not exist"),
         (["run", "{folder}", "--poses", "absent.txt"], "absent.txt does not exist"),
         (["run", "{folder}", "--calib", "absent.txt"], "absent.txt does not exist"),
         (["run", "{folder}", "--bundle", "absent"], "absent"),
         (["info", "absent"], "absent"),
-        (["doctor", "absent"], "is no folder"),
+        (["doctor", "absent"], "does not exist"),
         (["doctor", "{folder}", "--bundle", "absent"], "absent"),
     ],
 )
@@ -127,7 +127,7 @@ def test_poses_are_for_one_sequence(folder, tmp_path, capsys):
     street.write_kitti(tmp_path / "sequences" / "01", 2, rows=4, columns=20)
     street.write_kitti(tmp_path / "sequences" / "02", 2, rows=4, columns=20)
     assert main(["run", str(tmp_path), "--poses", str(folder / "poses.txt")]) == 1
-    assert "--sequence" in capsys.readouterr().err
+    assert "name one of them" in capsys.readouterr().err
 
 
 def test_all_sequences_of_a_root(tmp_path, capsys):

@@ -3,8 +3,11 @@ import shutil
 import numpy as np
 import pytest
 
-from runtime.doctor.diagnose import diagnose
-from runtime.recordings.poses import camera_to_lidar, read_calib, read_poses
+from runtime.doctor.diagnose import examine
+from runtime.recordings.calib import read_calib
+from runtime.recordings.poses import camera_to_lidar, read_poses
+from runtime.recordings.recording import Options
+from runtime.recordings.registry import find_recordings
 from runtime.recordings.scans import read_scan
 from runtime.sensors.range_image import RangeImage
 from tests.support import street
@@ -21,6 +24,12 @@ def made(tmp_path_factory):
 @pytest.fixture
 def folder(made, tmp_path):
     return shutil.copytree(made, tmp_path / "07")
+
+
+def diagnose(folder, sensor=None, **options):
+    """Findings of the one recording in a folder."""
+    (found,) = find_recordings(folder)
+    return examine(found, sensor, Options(**options))
 
 
 def levels(folder, topic=None, **options):
@@ -68,9 +77,10 @@ def test_without_a_bundle_no_sensor_is_compared(folder):
 
 def test_missing_folder_and_missing_files(folder):
     (folder / "poses.txt").unlink()
-    only(folder, "bad", "poses", "poses.txt", "--poses")
-    shutil.rmtree(folder / "velodyne")
-    only(folder, "bad", "scans", "holds no")
+    only(folder, "bad", "poses", "poses.txt", "does not exist")
+    for file in (folder / "velodyne").iterdir():
+        file.unlink()
+    only(folder, "bad", "files", "holds no")
 
 
 def test_scan_cut_off(folder):
@@ -81,7 +91,7 @@ def test_scan_cut_off(folder):
 def test_scan_with_few_points(folder):
     path = folder / "velodyne" / "000006.bin"
     read_scan(path)[::3].tofile(path)
-    only(folder, "warn", "scans", "000006.bin", "less than half")
+    only(folder, "warn", "scans", "000006: less than half")
 
 
 def test_empty_scans(folder):
@@ -154,7 +164,7 @@ def test_records_of_five_floats(folder):
 @pytest.mark.parametrize("name", ["000006", "000007"])
 def test_an_empty_scan(folder, name):
     (folder / "velodyne" / f"{name}.bin").write_bytes(b"")
-    assert ("warn", f"{name}.bin: no points; every residual image needs its scan") in levels(folder, "scans")
+    assert ("warn", f"{name}: no points; every residual image needs its scan") in levels(folder, "scans")
     assert "about 32 beams" in levels(folder, "rows")[0][1]
 
 
@@ -178,12 +188,12 @@ def test_sensor_with_more_or_fewer_rows(folder):
 
 def test_short_poses(folder):
     change_poses(folder, lambda poses: poses[:9])
-    only(folder, "bad", "poses", "9 poses for 14 scans")
+    only(folder, "bad", "files", "9 poses for 14 scans")
 
 
 def test_more_poses(folder):
     (folder / "velodyne" / "000000.bin").unlink()
-    only(folder, "warn", "poses", "line of its number (1 to 13")
+    only(folder, "warn", "files", "line of its number (1 to 13")
 
 
 def test_bad_poses(folder):
@@ -209,7 +219,7 @@ def test_jump(folder):
 
 def test_missing_calibration(folder):
     (folder / "calib.txt").unlink()
-    only(folder, "bad", "poses", "calib.txt", "--pose-frame lidar")
+    only(folder, "bad", "poses", "calib.txt", "pose frame is lidar")
 
 
 def test_camera_poses_taken_for_those_of_the_lidar(folder):
@@ -260,9 +270,9 @@ def test_times(folder):
     (folder / "times.txt").write_text("\n".join(f"{0.05 * i:e}" for i in range(14)))
     only(folder, "warn", "times", "0.05 s a scan", "trained at 0.1 s")
     (folder / "times.txt").write_text("0.1 0.2")
-    only(folder, "warn", "times", "2 times for 14 scans")
+    only(folder, "warn", "files", "2 times for 14 scans")
     (folder / "times.txt").write_text("now")
-    only(folder, "warn", "times", "not made of numbers")
+    only(folder, "warn", "files", "not made of numbers")
 
 
 def test_one_scan(folder):

@@ -97,7 +97,7 @@ def test_every_file_that_does_not_fit_the_scans_is_named(root, guess):
 def test_a_root_without_the_scans(root, guess, tmp_path):
     with pytest.raises(SequenceError, match="sequence 08: no scans under"):
         check(guess, root, ("08", "11"))
-    with pytest.raises(SequenceError, match="holds neither"):
+    with pytest.raises(SequenceError, match="holds no recording"):
         check(guess, guess)
 
 

@@ -164,10 +164,10 @@ def test_bad_residual(settings):
 
 @pytest.mark.skipif(not (SHARED / "data").is_dir(), reason="needs the real scans of ../shared/data")
 def test_real_input():
-    from runtime.recordings.sequence import open_sequence
+    from runtime.recordings.registry import open_recording
 
-    sequence = open_sequence(SHARED / "data/kitti/sequences/90")
-    frames = [sequence.read(i) for i in range(12, 21)]
+    recording = open_recording(SHARED / "data/kitti/sequences/90")
+    frames = [(scan.data, scan.pose) for scan in map(recording.read, range(12, 21))]
     (points, now), past = frames[-1], frames[-2::-1]
     relative = [np.linalg.inv(now) @ before for _, before in past]
     got = build(InputBuilder(RangeImage(), Residual(), Workers(2)), points, [scan for scan, _ in past], relative)

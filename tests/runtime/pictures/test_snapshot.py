@@ -12,7 +12,7 @@ from runtime.pictures import Live, Stored, check_output, snapshots, write_pictur
 from runtime.pictures.command import check_viewer, choose_scans
 from runtime.pictures.verdict import FALSE_ALARM, FOUND, MISSED, STILL, UNSCORED, legend, verdict
 from runtime.recordings.labels import write_labels
-from runtime.recordings.sequence import open_sequence
+from runtime.recordings.registry import open_recording
 from tests.support import street
 from tests.support.paths import TINY
 
@@ -21,7 +21,7 @@ SCANS = TINY / "scans" / "sequences" / "00"
 
 @pytest.fixture(scope="module")
 def sequence():
-    return open_sequence(SCANS)
+    return open_recording(SCANS)
 
 
 class CountingRunner:
@@ -43,10 +43,10 @@ class CountingRunner:
     def reset(self):
         self.scans = []
 
-    def remember(self, points, pose):
+    def remember(self, points, pose, time=None):
         self.scans = [*self.scans, points][-8:]
 
-    def __call__(self, points, pose):
+    def __call__(self, points, pose, time=None):
         class Result:
             moving = np.arange(len(points)) == len(self.scans)
 
@@ -69,7 +69,8 @@ def test_verdict_of_every_case():
 
 
 def test_snapshots_hold_points_truth_and_predictions(sequence, tmp_path):
-    points, pose = sequence.read(4)
+    scan = sequence.read(4)
+    points, pose = scan.points, scan.pose
     moving = np.arange(len(points)) % 3 == 0
     write_labels(tmp_path / "ours" / "sequences" / "00" / "predictions" / "000004.label", moving)
     (shown,) = snapshots(sequence, [Stored(tmp_path / "ours", sequence)], [4])
@@ -86,8 +87,8 @@ def test_snapshots_hold_points_truth_and_predictions(sequence, tmp_path):
 
 def test_without_labels_there_is_no_score(tmp_path):
     folder = street.write_kitti(tmp_path / "07", 2, rows=8, columns=60)
-    sequence = open_sequence(folder)
-    write_labels(tmp_path / "p" / "000001.label", np.zeros(len(sequence.read(1)[0]), bool))
+    sequence = open_recording(folder)
+    write_labels(tmp_path / "p" / "000001.label", np.zeros(len(sequence.read(1).data), bool))
     (shown,) = snapshots(sequence, [Stored(tmp_path / "p", sequence, "mine")], [1])
     assert shown.classes is None
     assert shown.iou("mine") is None
@@ -97,7 +98,7 @@ def test_without_labels_there_is_no_score(tmp_path):
 
 def test_systems_of_one_name_stay_apart(sequence, tmp_path):
     for place, value in (("a", False), ("b", True)):
-        write_labels(tmp_path / place / "same" / "000000.label", np.full(len(sequence.read(0)[0]), value))
+        write_labels(tmp_path / place / "same" / "000000.label", np.full(len(sequence.read(0).data), value))
     systems = [Stored(tmp_path / place / "same", sequence) for place in ("a", "b")]
     (shown,) = snapshots(sequence, systems, [0])
     assert {name: bool(moving.any()) for name, moving in shown.moving.items()} == {"same (1)": False, "same (2)": True}
@@ -107,11 +108,11 @@ def test_a_runner_is_asked_with_the_scans_before(sequence):
     runner = CountingRunner()
     shown = list(snapshots(sequence, [Live(runner, sequence)], [3, 4, 8]))
     assert [np.flatnonzero(one.moving["counting"]).tolist() for one in shown] == [[3], [4], [8]]
-    np.testing.assert_array_equal(runner.past, [sequence.read(i)[0].sum() for i in range(8)])
+    np.testing.assert_array_equal(runner.past, [sequence.read(i).data.sum() for i in range(8)])
 
 
 def test_predictions_that_do_not_fit_are_named(sequence, tmp_path):
-    points = len(sequence.read(0)[0])
+    points = len(sequence.read(0).data)
     write_labels(tmp_path / "p" / "000000.label", np.zeros(points - 1, bool))
     stored = Stored(tmp_path / "p", sequence)
     with pytest.raises(SequenceError, match=rf"000000.label: .*{points} points"):

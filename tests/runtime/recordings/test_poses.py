@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from runtime.errors import MosError, PoseError
-from runtime.recordings.poses import camera_to_lidar, check_pose, read_calib, read_poses
+from runtime.recordings.poses import camera_to_lidar, check_pose, read_poses
 
 
 def rotation(axis, angle):
@@ -65,31 +65,10 @@ def test_broken_files_are_named_with_their_line(tmp_path, text, message):
 def test_missing_and_binary_files(tmp_path):
     with pytest.raises(PoseError, match="cannot be read"):
         read_poses(tmp_path / "poses.txt")
-    (tmp_path / "poses.txt").write_bytes(b"\xff\xfe\x00\x80")
-    with pytest.raises(PoseError, match="not a text"):
-        read_poses(tmp_path / "poses.txt")
-
-
-def test_calib_gives_tr(tmp_path):
-    tr = pose(1.5)
-    numbers = " ".join(f"{value:.12e}" for value in tr[:3].ravel())
-    (tmp_path / "calib.txt").write_text(f"P0: {' '.join(['1'] * 12)}\nTr: {numbers}\n")
-    np.testing.assert_allclose(read_calib(tmp_path / "calib.txt"), tr, atol=1e-11)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("P0: 1 2 3\n", "no line 'Tr:'"),
-        ("Tr: 1 2 3\n", "3 numbers, not 12"),
-        ("Tr: a b c\n", "not made of numbers"),
-        ("Tr: " + "2 " * 12 + "\n", "not a rigid transform"),
-    ],
-)
-def test_broken_calib(tmp_path, text, message):
-    (tmp_path / "calib.txt").write_text(text)
-    with pytest.raises(PoseError, match=message):
-        read_calib(tmp_path / "calib.txt")
+    for data in (b"\x80\x00", b"1 0\x00", b"\xff\xfe\x31"):
+        (tmp_path / "poses.txt").write_bytes(data)
+        with pytest.raises(PoseError, match="not a text"):
+            read_poses(tmp_path / "poses.txt")
 
 
 def test_camera_poses_become_lidar_poses_that_start_at_the_identity():
@@ -101,9 +80,73 @@ def test_camera_poses_become_lidar_poses_that_start_at_the_identity():
     np.testing.assert_allclose(got, np.linalg.inv(lidar[0]) @ lidar, atol=1e-8)
 
 
+ROW = np.array([0.36, 0.48, -0.8, 1.25, -0.8, 0.6, 0, 2, 0.48, 0.64, 0.6, 3])
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        "{plain}\n{plain}\n".encode("utf-8-sig"),
+        "{plain}\n{plain}\n".encode("utf-16"),  # as PowerShell's > writes it
+        b"{plain}\r\n{plain}\r\n",
+        b"{commas}\n{commas}\n",
+        b"{trailing}\n{trailing}\n",
+        b"{semicolons}\n{semicolons}",
+        b"{tabs}\n{tabs}\n",
+        b"{fortran}\n{fortran}\n",
+        b"# x y z\n{plain}  # first\n\n% second\n{plain}\n",
+        b"{plain}\n{plain}\n   \n\t\n",
+    ],
+)
+def test_text_files_of_other_tools(tmp_path, data):
+    numbers = [f"{value:.17g}" for value in ROW]
+    forms = {
+        "plain": " ".join(numbers),
+        "commas": ",".join(numbers),
+        "trailing": ", ".join(numbers) + ",",
+        "semicolons": "; ".join(numbers),
+        "tabs": "\t".join(numbers),
+        "fortran": " ".join(f"{value:.16E}".replace("E", "D") for value in ROW),
+    }
+    encoding = "utf-16" if data.startswith(b"\xff\xfe") else "utf-8"
+    text = data.decode(encoding)
+    for name, form in forms.items():
+        text = text.replace("{" + name + "}", form)
+    (tmp_path / "poses.txt").write_bytes(text.encode(encoding))
+    got = read_poses(tmp_path / "poses.txt")
+    np.testing.assert_array_equal(got[:, :3], [ROW.reshape(3, 4)] * 2)
+
+
 def test_a_pose_rounded_in_a_file_is_rigid():
     assert check_pose(np.round(pose(), 5)).dtype == np.float64
     check_pose(pose(position=(5e6, -5e6, 100)).tolist())
+
+
+def test_a_good_pose_stays_as_it_is_bit_for_bit():
+    for decimals in (16, 9, 6, 5, 4):
+        rounded = np.round(pose(), decimals)
+        np.testing.assert_array_equal(check_pose(rounded), rounded)
+
+
+def test_three_decimals_give_the_nearest_rotation():
+    exact = pose(0.9, (1, -1, 2))
+    for shift in np.linspace(0, 0.4, 40):
+        exact = pose(0.9 + shift, (1, -1, 2))
+        rounded = np.round(exact, 3)
+        kept = rounded.copy()
+        got = check_pose(rounded)
+        np.testing.assert_array_equal(rounded, kept)
+        np.testing.assert_allclose(got, exact, atol=1.5e-3)
+        skew = np.abs(got[:3, :3] @ got[:3, :3].T - np.eye(3)).max()
+        assert skew < (1e-12 if (got != rounded).any() else 1e-3)
+
+
+@pytest.mark.parametrize("scale", [0.99, 1.002, 1.1])
+def test_a_scale_is_no_rounding(scale):
+    matrix = pose()
+    matrix[:3, :3] *= scale
+    with pytest.raises(PoseError, match="not a rigid"):
+        check_pose(matrix)
 
 
 def mirrored():

@@ -27,11 +27,10 @@ def test_other_layouts_are_copied(array):
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_missing_remission_is_filled(dtype):
+def test_missing_remission_stays_missing(dtype):
     array = points(channels=3, dtype=dtype)
-    got = as_scan(array, remission_fill=0.21)
-    np.testing.assert_array_equal(got[:, :3], array.astype(np.float32))
-    np.testing.assert_array_equal(got[:, 3], np.float32(0.21))
+    got = as_scan(array)
+    np.testing.assert_array_equal(got, array.astype(np.float32))
 
 
 @pytest.mark.parametrize("count", [0, 1])
@@ -75,7 +74,7 @@ def test_bin_and_npy_files(tmp_path, count):
     np.save(tmp_path / "b.npy", scan[:, :3])
     for name in ("a.bin", "a.npy"):
         np.testing.assert_array_equal(read_scan(tmp_path / name), scan)
-    assert (read_scan(tmp_path / "b.npy", remission_fill=0.5)[:, 3] == 0.5).all()
+    np.testing.assert_array_equal(read_scan(tmp_path / "b.npy"), scan[:, :3])
     assert [count_points(tmp_path / name) for name in ("a.bin", "a.npy", "b.npy")] == [count] * 3
 
 
@@ -93,8 +92,9 @@ def test_broken_npy(tmp_path):
     path = tmp_path / "a.npy"
     np.save(path, points(100))
     path.write_bytes(path.read_bytes()[:300])
-    with pytest.raises(ScanError, match="cannot be read"):
-        read_scan(path)
+    for read in (read_scan, count_points):
+        with pytest.raises(ScanError, match="cannot be read"):
+            read(path)
     np.save(path, np.array([{"a": 1}], object))
     with pytest.raises(ScanError, match="cannot be read"):
         read_scan(path)

@@ -1,0 +1,91 @@
+"""What each label was made of, so that a scan that has changed since is labelled anew."""
+
+import hashlib
+import json
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+
+from runtime.errors import OutputError
+from runtime.files import write_whole
+
+JOURNAL = "scans.jsonl"  # beside the folder of the labels
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What is known of a scan that was dealt with."""
+
+    made_of: str | None  # digest of it and of the scans before it that its label depends on; None: not known
+    broken: str | None = None  # why it has no label
+
+
+class Journal:
+    """A file of one line a scan, the last one of a scan being the one that counts.
+
+    A line is written once the label is in its place. Before a label is replaced, another takes back what the old one
+    says, so that whenever a run is killed, what stands here is true of the labels that are there.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read what is there, leave out half a line at the end, and write it anew. Raises OutputError."""
+        self.path = path
+        self._entries = _read(path)
+        write_whole(path, "".join(_line(key, entry) for key, entry in self._entries.items()).encode())
+
+    def __getitem__(self, key: str) -> Entry:
+        return self._entries.get(key, Entry(None))
+
+    def broken(self) -> dict[str, str]:
+        """Scans without a label, and why."""
+        return {key: entry.broken for key, entry in self._entries.items() if entry.broken is not None}
+
+    def take_back(self, key: str) -> None:
+        """The label of this scan is about to be replaced. Raises OutputError."""
+        if self[key].made_of is not None:
+            self.note(key, Entry(None))
+
+    def note(self, key: str, entry: Entry) -> None:
+        """The label of this scan is in its place, or it has none. Raises OutputError."""
+        try:
+            with self.path.open("a") as file:
+                file.write(_line(key, entry))
+        except OSError as error:
+            raise OutputError(f"cannot write {self.path}: {error.strerror}. Free the space and run again") from error
+        self._entries[key] = entry
+
+
+class Dependence:
+    """Digest of the last scans, one after the other: what the label of the newest depends on."""
+
+    def __init__(self, history: int) -> None:
+        """history: scans before it that a label depends on."""
+        self._fingerprints: deque[str] = deque(maxlen=history + 1)
+
+    def add(self, fingerprint: str) -> str:
+        """The digest of the scan with this fingerprint and of those before it."""
+        self._fingerprints.append(fingerprint)
+        return hashlib.blake2b("\n".join(self._fingerprints).encode(), digest_size=8).hexdigest()
+
+    def clear(self) -> None:
+        """What comes next depends on nothing before it."""
+        self._fingerprints.clear()
+
+
+def _line(key: str, entry: Entry) -> str:
+    return json.dumps({"scan": key, "made_of": entry.made_of, "broken": entry.broken}) + "\n"
+
+
+def _read(path: Path) -> dict[str, Entry]:
+    entries = {}
+    try:
+        lines = path.read_text().split("\n") if path.is_file() else []
+    except (OSError, UnicodeDecodeError) as error:
+        raise OutputError(f"{path}: cannot be read: {error}") from error
+    for line in lines[:-1]:
+        try:
+            found = json.loads(line)
+            entries[str(found["scan"])] = Entry(found["made_of"], found["broken"])
+        except (ValueError, KeyError, TypeError):  # cut off in a crash, and written on: its scan is made anew
+            continue
+    return entries

@@ -1,0 +1,160 @@
+"""Pose, calibration and time files beside scans: where they are, and which line belongs to which scan."""
+
+import os
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from runtime.errors import MosError, MosWarning, PoseError, SequenceError, SettingError, some
+from runtime.recordings.calib import read_calib
+from runtime.recordings.poses import Pose, Poses, camera_to_lidar, check_pose, read_poses, with_nearest_rotations
+from runtime.recordings.recording import Options
+from runtime.recordings.text import lines_of, read_text, to_numbers
+
+FRAMES = ("camera", "lidar")  # what the poses of a file may be poses of
+KITTI_AXES = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])  # T_camera_lidar, roughly
+LONGEST_STEP = 1.0  # s between two scans, at the median: longer ones are no times in seconds
+
+
+@dataclass(frozen=True)
+class PoseFiles:
+    """Where the poses of a recording come from."""
+
+    poses: Path
+    calib: Path | None  # None: the poses are the LiDAR's own
+
+    @property
+    def frame(self) -> str:
+        return "lidar" if self.calib is None else "camera"
+
+    def lidar_poses(self, raw: Poses) -> Poses:
+        """T_world_lidar (T, 4, 4) of the poses as they stand in the file. Raises PoseError."""
+        return raw if self.calib is None else camera_to_lidar(raw, read_calib(self.calib))
+
+    def origin(self, folder: Path) -> str:
+        """Words that change when other files are named, and not when all of it is moved."""
+        files = [self.poses] if self.calib is None else [self.poses, self.calib]
+        return f"{' and '.join(os.path.relpath(file, folder) for file in files)}, {self.frame}"
+
+
+def find_pose_files(folder: Path, options: Options) -> PoseFiles:
+    """Pose and calibration file of a folder, each as given or else where KITTI keeps it, beside the path as given.
+
+    Raises PoseError saying where a file was looked for, SettingError for options that contradict each other.
+    """
+    if options.frame not in (None, *FRAMES):
+        raise SettingError(f"the pose frame must be camera or lidar, not {options.frame!r}")
+    if options.frame == "lidar" and options.calib:
+        raise SettingError(f"poses of the LiDAR need no calibration: leave out {options.calib}, or the pose frame")
+    usual = [folder / "poses.txt", folder.parent.parent / "poses" / f"{folder.name}.txt"]
+    pose_file = _first_file([options.poses] if options.poses else usual)
+    if pose_file is None:
+        looked = options.poses or f"{usual[0]} or {usual[1]}"
+        raise PoseError(f"no poses: {looked} does not exist, and no other file is named")
+    if options.frame == "lidar":
+        return PoseFiles(pose_file, None)
+    calib_file = _first_file([options.calib or folder / "calib.txt"])
+    if calib_file is None:
+        raise PoseError(
+            f"no calibration: {options.calib or folder / 'calib.txt'} does not exist. KITTI poses are the camera's "
+            f"and need the line 'Tr:' of its calib.txt; if yours are the LiDAR's own, say that the pose frame is lidar"
+        )
+    return PoseFiles(pose_file, calib_file)
+
+
+@dataclass(frozen=True)
+class FilePoses:
+    """The poses of a recording's scans, from a file."""
+
+    poses: Poses  # (T, 4, 4) float64 T_world_lidar
+    raw: Poses  # (T, 4, 4), the same as they stand in the file
+    lines: list[int]  # of the file, from 0
+    total: int  # poses in the file
+    broken: dict[int, str]  # what is wrong with the pose of a scan, by number
+    files: PoseFiles
+
+    def readings(self, folder: Path) -> dict[str, Poses]:
+        """See `Indexed.other_poses`."""
+        inverted: Poses = np.linalg.inv(self.raw).astype(np.float64)
+        if self.files.calib is not None:
+            return {"lidar": self.raw, "inverse": self.files.lidar_poses(inverted)}
+        try:
+            tr: Pose = read_calib(folder / "calib.txt")
+        except PoseError:
+            tr = KITTI_AXES
+        return {"camera": camera_to_lidar(self.raw, tr), "inverse": inverted}
+
+
+def read_file_poses(folder: Path, scans: tuple[Path, ...], options: Options) -> FilePoses:
+    """The poses of the first `options.limit` scans. Raises PoseError, SequenceError; warns as `match_lines` says.
+
+    Line n of the pose file belongs to the n-th scan. Where it has more lines than there are scans, as with an
+    excerpt of a long sequence, line n belongs to the scan numbered n, from 0, and a MosWarning says so.
+    """
+    files = find_pose_files(folder, options)
+    raw = with_nearest_rotations(read_poses(files.poses))
+    lines = match_lines(scans, len(raw), f"{files.poses}: {len(raw)} poses", options.limit)
+    if lines != list(range(len(lines))):
+        warnings.warn(
+            f"{files.poses}: {len(raw)} poses for {len(scans)} scans: each scan takes the line of its number "
+            f"({lines[0]} to {lines[-1]}, from 0)",
+            MosWarning,
+            stacklevel=2,
+        )
+    poses, broken = files.lidar_poses(raw)[lines], {}
+    for index, line in enumerate(lines):
+        try:
+            poses[index] = check_pose(poses[index], f"{files.poses}: pose {line} (from 0, scan {scans[index].name})")
+        except PoseError as error:
+            broken[index] = str(error)
+    if broken and not options.skip_broken:
+        raise PoseError(some(list(broken.values()), most=1))
+    return FilePoses(poses, raw[lines], lines, len(raw), broken, files)
+
+
+def match_lines(scans: tuple[Path, ...], count: int, what: str, limit: int | None = None) -> list[int]:
+    """Which of `count` lines belongs to each of the first `limit` scans, from 0.
+
+    Raises SequenceError, beginning with `what`, where they do not fit.
+    """
+    used = len(scans) if limit is None else min(limit, len(scans))
+    if count == len(scans) or used <= count < len(scans):
+        return list(range(used))
+    if count < used:
+        raise SequenceError(
+            f"{what} for {used} scans in {scans[0].parent}; name the whole file, or take only the first {count} scans"
+        )
+    numbers = [int(scan.stem) for scan in scans if scan.stem.isdigit()]
+    if len(numbers) < len(scans) or numbers[-1] >= count:
+        raise SequenceError(
+            f"{what} for {len(scans)} scans in {scans[0].parent}, whose names do not tell which is whose; "
+            f"there must be one line for each scan"
+        )
+    return numbers[:used]
+
+
+def read_times(file: Path, scans: tuple[Path, ...], limit: int | None) -> npt.NDArray[np.float64] | None:
+    """Times of the first `limit` scans in s; None where there is no file, or one of no use: then with a MosWarning."""
+    if not file.is_file():
+        return None
+    try:
+        values = np.array([value for _, fields in lines_of(read_text(file)) for value in to_numbers(fields)])
+        if not np.isfinite(values).all():
+            raise ValueError
+        times = values[match_lines(scans, len(values), f"{file}: {len(values)} times", limit)]
+    except ValueError as error:  # as all of ours are too
+        reason = str(error) if isinstance(error, MosError) else f"{file}: is not made of numbers"
+    else:
+        step = np.median(np.diff(times)) if len(times) > 1 else LONGEST_STEP
+        if 0 < step <= LONGEST_STEP:
+            return times
+        reason = f"{file}: from scan to scan the time steps by {step:.3g}, so that these are no seconds"
+    warnings.warn(f"{reason}; no times are used, gaps in them are not noticed", MosWarning, stacklevel=2)
+    return None
+
+
+def _first_file(files: list[Path]) -> Path | None:
+    return next((file for file in files if file.is_file()), None)

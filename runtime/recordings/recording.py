@@ -1,0 +1,107 @@
+"""What was logged, whatever its format: a `Recording` gives one `Scan` after the other."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from runtime.errors import PoseError
+from runtime.recordings.fingerprint import fingerprint_of
+from runtime.recordings.poses import Pose, Poses
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """One turn of the LiDAR. Nobody writes into its arrays."""
+
+    key: str  # its name within the recording, and that of its label file
+    data: npt.NDArray[np.float32]  # (N, 4) x, y, z in m, LiDAR frame, and remission; (N, 3) where there is none
+    pose: Pose | None = None  # (4, 4) float64 T_world_lidar
+    time: float | None = None  # s
+    ring: npt.NDArray[np.integer] | None = None  # (N,) number of the laser
+
+    @property
+    def points(self) -> npt.NDArray[np.float32]:
+        """(N, 3) m, a view."""
+        return self.data[:, :3]
+
+    @property
+    def remission(self) -> npt.NDArray[np.float32] | None:
+        """(N,), a view; None where the sensor or the format has none."""
+        return self.data[:, 3] if self.data.shape[1] == 4 else None
+
+    def known_pose(self) -> Pose:
+        """The pose. Raises PoseError where there is none."""
+        if self.pose is None:
+            raise PoseError(f"scan {self.key} has no pose")
+        return self.pose
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a recording is to be opened."""
+
+    poses: Path | None = None  # pose file; None: where the format keeps it
+    calib: Path | None = None  # calibration of a camera whose poses these are; None: where the format keeps it
+    frame: str | None = None  # "camera" or "lidar": whose poses the file holds; None: as the format has it
+    limit: int | None = None  # only the first scans
+    with_poses: bool = True  # False: leave them out; every pose is None
+    skip_broken: bool = False  # a broken pose is an error of its scan, not of the recording
+
+
+DEFAULTS = Options()
+
+
+@runtime_checkable
+class Recording(Protocol):
+    """Scans in order of time."""
+
+    name: str  # from the path as it was given, never from where a link points
+    source: str  # path or address, for messages
+    sensor: str | None  # name of a sensor's profile, where the format knows it
+    poses_from: str | None  # what the poses are read from; None: there are none
+
+    def scans(self, start: int = 0) -> Iterator[Scan]:
+        """The scans from number `start` on. Raises ScanError or PoseError at one that is broken."""
+        ...
+
+    def __iter__(self) -> Iterator[Scan]:
+        return self.scans()
+
+    def fingerprint(self, scan: Scan) -> str:
+        """Of all that a label may depend on: points, remission, pose, time. Kept with the label."""
+        return fingerprint_of(scan.data, scan.pose, scan.time)
+
+
+@runtime_checkable
+class Indexed(Recording, Protocol):
+    """A recording whose scans are at hand in any order. A reader gives `keys` and `read`; the rest has defaults."""
+
+    keys: tuple[str, ...]  # of all scans, in order of time
+    poses: Poses | None = None  # (T, 4, 4) float64 T_world_lidar
+    times: npt.NDArray[np.float64] | None = None  # (T,) s
+
+    def read(self, index: int) -> Scan:
+        """Scan number `index`, from 0. Raises ScanError or PoseError."""
+        ...
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def scans(self, start: int = 0) -> Iterator[Scan]:
+        return (self.read(index) for index in range(start, len(self)))
+
+    def count(self, index: int) -> int:
+        """Points of scan `index`. Raises ScanError."""
+        return len(self.read(index).data)
+
+    def labels(self, index: int) -> npt.NDArray[np.uint32] | None:
+        """True labels of the points of scan `index` (N,), SemanticKITTI's numbers; None where there are none."""
+        return None
+
+    def other_poses(self) -> dict[str, Poses]:
+        """What the poses would be (T, 4, 4) if meant otherwise: "inverse", or of "camera" or "lidar" instead."""
+        return {} if self.poses is None else {"inverse": np.linalg.inv(self.poses).astype(np.float64)}

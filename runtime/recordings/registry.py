@@ -1,0 +1,94 @@
+"""Every format that can be read. A new one is a file with `TITLE`, `find` and `open_at`, and one line in `READERS`."""
+
+import os
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from runtime.errors import SequenceError, SettingError, some
+from runtime.recordings import folder, kitti
+from runtime.recordings.recording import DEFAULTS, Indexed, Options
+
+
+class Reader(Protocol):
+    """What a format's file offers."""
+
+    TITLE: str  # what it reads, in a few words
+
+    def find(self, path: Path) -> list[Path]:
+        """Recordings of this format at `path` or below, by what is there and what it holds; [] if there are none."""
+        ...
+
+    def open_at(self, path: Path, options: Options) -> Indexed:
+        """The recording at a path that `find` gave. Raises SequenceError, PoseError or MissingPackageError."""
+        ...
+
+
+READERS: tuple[Reader, ...] = (kitti, folder)  # the first that finds anything takes it
+
+
+@dataclass(frozen=True)
+class Found:
+    """A recording that is there and not yet opened."""
+
+    path: Path
+    reader: Reader
+
+    def open(self, options: Options = DEFAULTS) -> Indexed:
+        """Raises SequenceError, PoseError or MissingPackageError."""
+        return self.reader.open_at(self.path, options)
+
+
+def find_recordings(path: str | Path, names: tuple[str, ...] = ()) -> list[Found]:
+    """Recordings at `path` or below; of those below, `names` picks some. Raises SequenceError where there is none."""
+    given = as_given(Path(path))
+    if not given.exists():
+        raise SequenceError(f"{given}: does not exist")
+    for reader in READERS:
+        if paths := reader.find(given):
+            break
+    else:
+        raise SequenceError(f"{given}: holds no recording: neither {' nor '.join(one.TITLE for one in READERS)}")
+    if names and not any(given in one.parents for one in paths):
+        raise SequenceError(f"{given}: is one recording; leave out its name or give the root above it")
+    there = [one.name for one in paths]
+    if missing := [name for name in names if name not in there]:
+        raise SequenceError(f"{given}: has no sequence {', '.join(missing)}; there are {some(there, most=30)}")
+    return [Found(one, reader) for name in names or dict.fromkeys(there) for one in paths if one.name == name]
+
+
+def open_recording(path: str | Path, options: Options = DEFAULTS, name: str | None = None) -> Indexed:
+    """The one recording at `path` or below, or that of this name. Raises SequenceError and what readers raise."""
+    found = find_recordings(path, (name,) if name else ())
+    if len(found) > 1:
+        raise SequenceError(
+            f"{path}: has the sequences {some([one.path.name for one in found], most=30)}; name one of them"
+        )
+    return found[0].open(options)
+
+
+def open_recordings(path: str | Path, names: tuple[str, ...] = (), options: Options = DEFAULTS) -> list[Indexed]:
+    """All recordings at `path` or below, or those of `names`.
+
+    Raises SequenceError, also where two have one name, SettingError, PoseError and what readers do.
+    """
+    found = find_recordings(path, names)
+    if len(found) > 1 and (options.poses or options.calib):
+        raise SettingError(f"a pose file or calibration is for one recording, not for {len(found)}: name one of them")
+    opened = [one.open(options) for one in found]
+    for name, count in Counter(one.name for one in opened).items():
+        if count > 1:
+            alike = " and ".join(one.source for one in opened if one.name == name)
+            raise SequenceError(f"{alike} have one name, so that their labels would overwrite each other; rename one")
+    return opened
+
+
+def as_given(path: Path) -> Path:
+    """`path` made absolute without following links, so that names and neighbours are those that its user sees."""
+    here = os.environ.get("PWD", "")
+    if not (os.path.isabs(here) and os.path.isdir(here) and os.path.samefile(here, ".")):
+        here = os.getcwd()
+    plain = Path(os.path.normpath(os.path.join(here, path)))
+    same = not path.exists() or (plain.exists() and plain.samefile(path))
+    return plain if same else path.resolve()  # where '..' leads out of a link

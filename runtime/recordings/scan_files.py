@@ -1,0 +1,114 @@
+"""Recordings of one file a scan, with pose, calibration, time and label files beside them."""
+
+import os
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from runtime.errors import PoseError, SequenceError
+from runtime.recordings.labels import read_labels
+from runtime.recordings.pose_files import FilePoses, read_file_poses, read_times
+from runtime.recordings.poses import Poses
+from runtime.recordings.recording import Indexed, Options, Scan
+from runtime.recordings.scans import SUFFIXES, count_points, read_scan
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanFiles(Indexed):
+    """The scans of a folder; `open_files` makes it."""
+
+    name: str
+    source: str
+    sensor: str | None
+    poses_from: str | None
+    keys: tuple[str, ...]
+    poses: Poses | None
+    times: npt.NDArray[np.float64] | None
+    folder: Path  # in which all other files lie
+    files: tuple[Path, ...]  # of the scans
+    file_poses: FilePoses | None
+
+    def read(self, index: int) -> Scan:
+        if self.file_poses is not None and index in self.file_poses.broken:
+            raise PoseError(self.file_poses.broken[index])
+        return Scan(
+            self.keys[index],
+            read_scan(self.files[index]),
+            None if self.poses is None else self.poses[index],
+            None if self.times is None else float(self.times[index]),
+        )
+
+    def count(self, index: int) -> int:
+        return count_points(self.files[index])
+
+    def labels(self, index: int) -> npt.NDArray[np.uint32] | None:
+        path = self.folder / "labels" / f"{self.keys[index]}.label"
+        return read_labels(path, self.count(index)) if path.is_file() else None
+
+    def other_poses(self) -> dict[str, Poses]:
+        return {} if self.file_poses is None else self.file_poses.readings(self.folder)
+
+
+def open_files(folder: Path, scans: Path, options: Options) -> ScanFiles:
+    """The files of the folder `scans`, and what lies in `folder`: poses, calib.txt, times.txt, labels/.
+
+    Raises SequenceError or PoseError.
+    """
+    files = list_scans(scans)
+    found = read_file_poses(folder, files, options) if options.with_poses else None
+    times = read_times(folder / "times.txt", files, options.limit)
+    files = files[: options.limit]
+    return ScanFiles(
+        name=folder.name,
+        source=str(folder),
+        sensor=None,
+        poses_from=None if found is None else found.files.origin(folder),
+        keys=tuple(file.stem for file in files),
+        poses=None if found is None else found.poses,
+        times=times,
+        folder=folder,
+        files=files,
+        file_poses=found,
+    )
+
+
+def scan_files(folder: Path) -> list[Path]:
+    """Files of a folder that may be scans, by their names, in no order."""
+    with os.scandir(folder) as entries:
+        return [
+            folder / entry.name
+            for entry in entries
+            if entry.name.lower().endswith(SUFFIXES) and not entry.name.startswith(".") and entry.is_file()
+        ]
+
+
+def list_scans(folder: Path) -> tuple[Path, ...]:
+    """Scan files of a folder in the order of their numbers. Raises SequenceError."""
+    files = scan_files(folder)
+    if not files:
+        raise SequenceError(f"{folder}: holds no {' or '.join(SUFFIXES)} scans")
+    first = min(files)
+    if other := next((file for file in files if _pattern(file) != _pattern(first)), None):
+        raise SequenceError(
+            f"{folder}: {first.name} and {other.name} are not named alike, so that their order "
+            f"is not known; leave in only the scans of one recording, numbered in order of time"
+        )
+    files.sort(key=_order)
+    for one, two in pairwise(files):
+        if _order(one) == _order(two):
+            raise SequenceError(f"{folder}: {one.name} and {two.name} have the same number")
+    return tuple(files)
+
+
+def _pattern(file: Path) -> str:
+    return re.sub(r"\d+", "#", file.name.lower())
+
+
+def _order(file: Path) -> tuple[int | str, ...]:
+    """Numbers by value, decimals (times such as 12.5) as text: within one pattern the types agree."""
+    tokens = re.findall(r"(?<=\d)\.\d+|\d+|\D+", file.stem.lower())
+    return tuple(int(token) if token.isdigit() else token for token in tokens)
