@@ -30,7 +30,7 @@ class Sensor:
     lifts: tuple[float, ...] = (0.0,)  # m, height of the optics above the sensor's origin, by block of beams
     remission_step: float = 0.01  # quantisation of remission
     self_hidden: bool = False  # the roof of the car hides parts of the lowest beams
-    image: RangeImage | None = None  # None: every beam in the middle of a row of its own
+    image: RangeImage | None = None  # None: every beam, at equal angles, in the middle of a row of its own
 
     def __post_init__(self) -> None:
         if len(self.elevations) < 2 or list(self.elevations) != sorted(set(self.elevations), reverse=True):
@@ -52,8 +52,9 @@ class Sensor:
             return self.image
         top, bottom = self.elevations[0], self.elevations[-1]
         margin = (top - bottom) / (self.beams - 1) / 2
+        spare = -self.beams % 16  # rows without a beam, below the last
         width = 2048 if self.azimuth_steps >= 2048 else 1024
-        return RangeImage(height=max(16, self.beams), width=width, fov_up=top + margin, fov_down=bottom - margin)
+        return RangeImage(self.beams + spare, width, top + margin, bottom - margin - 2 * margin * spare)
 
     def spinning(self, speed: float) -> "Sensor":
         """The same sensor with a motor of `speed` times the nominal rate: fewer firings fit into a faster turn."""

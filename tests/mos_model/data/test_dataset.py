@@ -18,6 +18,7 @@ from mos_model.data.dataset import (
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
 from runtime.image.inputs import InputBuilder
+from runtime.sensors.registry import SENSORS
 from tests.support.training import SENSOR, Patches
 
 CONFIG = SampleConfig(SENSOR)
@@ -167,3 +168,13 @@ def test_class_frequency():
 def test_crops_that_cannot_be(change):
     with pytest.raises(SettingError, match="crop"):
         replace(CONFIG, **change)
+
+
+def test_a_new_sensor_can_be_trained_on(contributed, monkeypatch):
+    """One entry, as CONTRIBUTING says: its streets fill the rows that have beams."""
+    new = contributed("runtime/sensors/acme.py").A20
+    monkeypatch.setitem(SENSORS, new.name, new)
+    streets = SimulatedStreets(SampleConfig(new.range_image), profile=new.name, frames=1)
+    (sample,) = streets.group(0)
+    assert sample.image.shape == (13, 32, 1024)
+    assert (sample.labels > 0).any(axis=1).tolist() == [True] * 20 + [False] * 12
