@@ -1,6 +1,4 @@
-"""A new format is one file and one line in `READERS`: then all of `mos` takes it."""
-
-import importlib.util
+"""A new format is one file, as CONTRIBUTING has it, and one line in `READERS`: then all of `mos` takes it."""
 
 import numpy as np
 import pytest
@@ -11,46 +9,10 @@ from runtime.recordings.registry import open_recording
 from tests.support import street
 from tests.support.paths import BUNDLE
 
-# What a contributor writes, runtime/recordings/archive.py: scans in one .npz, poses and times with them.
-READER = '''
-"""All scans in one .npz: points_0, points_1, ... (N, 3), poses (T, 4, 4) of the LiDAR, times (T,)."""
-
-import numpy as np
-
-from runtime.recordings.recording import Indexed, Scan
-from runtime.recordings.scans import as_scan
-
-TITLE = "an .npz archive of scans"
-
-
-def find(path):
-    return [path] if path.is_file() and path.suffix == ".npz" else []
-
-
-def open_at(path, options):
-    return Archive(path, options.limit)
-
-
-class Archive(Indexed):
-    sensor, poses_from = "hdl32e", "the archive"
-
-    def __init__(self, path, limit):
-        self.name, self.source, self._arrays = path.stem, str(path), np.load(path)
-        self.poses, self.times = self._arrays["poses"][:limit], self._arrays["times"][:limit]
-        self.keys = tuple(f"{i:06d}" for i in range(len(self.poses)))
-
-    def read(self, index):
-        points = as_scan(self._arrays[f"points_{index}"])
-        return Scan(self.keys[index], points, self.poses[index], self.times[index])
-'''
-
 
 @pytest.fixture
-def drive(tmp_path, monkeypatch):
-    (tmp_path / "archive.py").write_text(READER)
-    spec = importlib.util.spec_from_file_location("archive", tmp_path / "archive.py")
-    archive = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(archive)
+def drive(tmp_path, contributed, monkeypatch):
+    archive = contributed("runtime/recordings/archive.py")
     monkeypatch.setattr(registry, "READERS", (*registry.READERS, archive))
     poses, world = street.drive(12), street.boxes()
     points = {f"points_{i}": street.scan(pose, world)[:, :3] for i, pose in enumerate(poses)}
