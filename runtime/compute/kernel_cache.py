@@ -32,7 +32,8 @@ def keep(kernel: Any) -> None:
             internals.set_cache(kernel, KernelCache(kernel.py_func))
         except internals.MISSING:
             internals.say_missing("its own cache of kernels is used, which checks nothing")
-            kernel.enable_caching()
+            with contextlib.suppress(*internals.MISSING):
+                kernel.enable_caching()
     except RuntimeError as error:  # no folder is writable
         _warn(str(error))
 
@@ -80,13 +81,14 @@ class KernelCache:
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Write compiled code. Warns (MosWarning) once in a process where that fails."""
-        data = self._kernel.to_bytes(compiled)
-        if data is not None:
-            content = self._origin + data
-            try:
-                write_whole(self._path(signature), sha256(content).digest() + content)
-            except OutputError as error:
-                _warn(str(error.__cause__))
+        try:
+            if (data := self._kernel.to_bytes(compiled)) is not None:
+                content = self._origin + data
+                write_whole(self._path(signature), sha256(content).digest() + content, sync=False)  # its checksum tells
+        except OutputError as error:
+            _warn(str(error.__cause__ or error))
+        except internals.MISSING:
+            internals.say_missing("kernels are compiled in every process")
 
     @functools.cached_property
     def _origin(self) -> bytes:

@@ -33,6 +33,15 @@ def test_without_a_place_for_a_cache_numbas_own_is_used(load, monkeypatch, caplo
     assert "its own cache of kernels" in caplog.text
 
 
+def test_without_a_way_to_bytes_it_goes_without_files(load, source, monkeypatch, caplog):
+    monkeypatch.delattr(caching.CompileResultCacheImpl, "reduce")
+    monkeypatch.setattr(caching.CompileResultCacheImpl, "__abstractmethods__", frozenset())
+    monkeypatch.delattr(caching.CacheImpl, "reduce")
+    assert load().half(3.0) == 1.5
+    assert "compiled in every process" in caplog.text
+    assert not list((source.parent / "__pycache__").glob("*.kernel"))
+
+
 def test_without_events_it_is_not_known_what_is_compiled(load, monkeypatch, caplog):
     monkeypatch.setitem(sys.modules, "numba.core.event", None)
     names = []

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -128,3 +129,11 @@ def test_another_process_finds_them(load, source):
         "on_compile(lambda function: print(function.__name__)).__enter__()",
     )
     assert done.stdout == "1.5 6\n", done.stderr
+
+
+def test_processes_that_start_at_once_do_not_disturb_each_other(source):
+    code = "import warnings; warnings.simplefilter('error')"
+    with ThreadPoolExecutor(4) as pool:
+        for done in pool.map(lambda _: in_new_process(source, code), range(4)):
+            assert (done.returncode, done.stdout, done.stderr) == (0, "1.5 6\n", "")
+    assert len(stored(source)) == 2
