@@ -15,7 +15,7 @@ from runtime.classes import MOVING, to_classes
 from runtime.compute.workers import Workers
 from runtime.head.numba_engine import FeatureMap, PointHeadEngine, fold
 from runtime.image.inputs import InputBuilder
-from runtime.recordings.labels import read_labels
+from runtime.recordings.labels import read_truth
 from runtime.sensors.range_image import RangeImage
 
 HEADS = {"lite": LITE, "full": FULL}
@@ -74,7 +74,7 @@ def busiest(sequence: Path) -> tuple[Scan, np.ndarray]:
     """The scan of a sequence with the most moving points, at most 2 % of it, and which they are."""
     best, most = None, 0
     for path in sorted((sequence / "labels").glob("*.label")):
-        moving = to_classes(read_labels(path)) == MOVING
+        moving = to_classes(read_truth(path)) == MOVING
         if most < moving.sum() <= 0.02 * len(moving):
             best, most = (path, moving), int(moving.sum())
     if best is None:

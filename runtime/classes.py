@@ -28,6 +28,7 @@ STATIC_LABELS = (
     *(STATIC_LABEL, *(standing for standing, _ in KINDS.values())),
     *(11, 15, 40, 44, 48, 49, 50, 51, 52, 60, 70, 71, 72, 80, 81, 99),
 )
+RANGE = f"{min(MOVERS)} to {max(MOVERS)}"  # of the moving ones, in messages
 LABELS = (NO_LABEL, OUTLIER, *STATIC_LABELS, *MOVERS)
 
 _CLASS = np.full(1 << 16, STATIC, np.uint8)

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mos_model.data.augment import NONE, Augmentation, augment
-from mos_model.data.labels import label_classes
 from runtime.bundle.residual import HISTORY, Residual
-from runtime.classes import CLASSES, MOVING, UNLABELLED
+from runtime.classes import CLASSES, MOVING, UNLABELLED, to_classes
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
 from runtime.image.entry import Entry
@@ -164,7 +163,7 @@ class SimulatedStreets:
         samples: list[Sample] = []
         length = HISTORY + 1 + self.every * (self.frames - 1)
         for index, scan in enumerate(simulate(street, length, sensor=self.profile, movers=self.movers)):
-            history.append(make_frame(scan.points, scan.pose, label_classes(scan.labels), self.samples.sensor))
+            history.append(make_frame(scan.points, scan.pose, to_classes(scan.labels), self.samples.sensor))
             if index >= HISTORY and (index - HISTORY) % self.every == 0:
                 samples += make_samples(list(history), self.samples, rng, self.crops)
         return samples

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mos_model.data.dataset import Frame, Sample, SampleConfig, make_frame, make_samples
-from mos_model.data.labels import label_classes
 from runtime.bundle.residual import HISTORY
-from runtime.classes import MOVING, UNLABELLED
+from runtime.classes import MOVING, UNLABELLED, to_classes
 from runtime.errors import MosError, SequenceError
-from runtime.recordings.labels import LABEL_BYTES, read_labels
+from runtime.recordings.labels import LABEL_BYTES, read_truth
 from runtime.recordings.recording import Indexed
 from runtime.recordings.registry import open_recording as open_scans
 from runtime.sensors.range_image import RangeImage
@@ -51,7 +50,7 @@ class Recording:
     def classes(self, index: int, points: int | None = None) -> NDArray[np.uint8]:
         """Classes (N,) of scan `index`; `points`: as many must be there."""
         path = self.labels[index]
-        return label_classes(read_labels(path, points), str(path))
+        return to_classes(read_truth(path, points))
 
     def history(self, index: int, sensor: RangeImage) -> list[Frame | None]:
         """The scans before `index`, the oldest first (None before the start), then scan `index` itself."""

@@ -2,17 +2,15 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from runtime.classes import CLASSES, LABELS, MOVING, label_ids, to_classes
 from runtime.errors import MosError, SequenceError
-from runtime.evaluation.benchmark import check_prediction, check_truth
 from runtime.evaluation.confusion import Confusion
 from runtime.evaluation.layout import Frame, raise_all
-from runtime.recordings.labels import read_labels
+from runtime.recordings.labels import read_prediction, read_truth
 from runtime.recordings.scans import ScanData, read_scan
 
 STEP = 10.0  # m, width of a range bin
@@ -86,21 +84,12 @@ def evaluate(
 
 
 def _read(frame: Frame, with_range: bool) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32], ScanData | None]:
-    truth = _checked(frame.truth, None, check_truth)
-    predicted = _checked(frame.prediction, len(truth), check_prediction)
+    truth = read_truth(frame.truth)
+    predicted = read_prediction(frame.prediction, len(truth))
     scan = read_scan(frame.scan) if with_range and frame.scan else None
     if scan is not None and len(scan) != len(truth):
         raise SequenceError(f"{frame.scan}: {len(scan)} points, but {frame.truth} labels {len(truth)}")
     return truth, predicted, scan
-
-
-def _checked(
-    path: Path, points: int | None, check: Callable[[npt.NDArray[np.uint32]], str | None]
-) -> npt.NDArray[np.uint32]:
-    labels = read_labels(path, points)
-    if wrong := check(labels):
-        raise SequenceError(f"{path}: {wrong}")
-    return labels
 
 
 def _confusion(points: npt.NDArray[np.int64]) -> Confusion:

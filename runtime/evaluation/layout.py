@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from runtime.errors import SequenceError, some
+from runtime.recordings.registry import as_given
 from runtime.recordings.scans import SUFFIXES
 
-MOST = 10  # problems that a message names one by one
+MOST = 5  # problems that a message names one by one
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ def find_labels(path: str | Path, inner: str, names: tuple[str, ...] = ()) -> di
 
     inner: "predictions" or "labels". names: pick these sequences. Raises SequenceError where there is none.
     """
-    path = Path(path).resolve()
+    path = as_given(Path(path))
     if not path.is_dir():
         raise SequenceError(
             f"{path}: is no folder; give a root with sequences/NN/{inner} or the folder of one sequence"

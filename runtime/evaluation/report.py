@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from runtime import __version__
-from runtime.classes import MOVERS
-from runtime.errors import some
+from runtime.classes import MOVERS, RANGE
+from runtime.errors import SequenceError, some
 from runtime.evaluation.confusion import Confusion
 from runtime.evaluation.evaluate import BINS, UNKNOWN, Counts, evaluate
 from runtime.evaluation.layout import Frame, Frames
@@ -25,7 +25,7 @@ def score(paired: Frames, on_progress: Callable[[int, int], object] = lambda don
 
     Shares are within 0..1, None where they are undefined (0 / 0; IoU and recall where nothing moves).
     `on_progress(done, total)` is called after each frame. Raises SequenceError naming every file that cannot be
-    read, is of the wrong length or has unknown labels.
+    read, is of the wrong length or does not hold labels, or where no point has a label to be compared with.
     """
     no_ranges = _why_no_ranges(paired.frames)
     done = 0
@@ -37,6 +37,8 @@ def score(paired: Frames, on_progress: Callable[[int, int], object] = lambda don
 
     counts = evaluate(paired.frames, no_ranges is None, count)
     together = sum(counts.values(), Counts())
+    if not scores_of(together)["points"]:
+        raise SequenceError(f"{paired.truth}: no point has a label other than 0 and 1, so nothing was scored")
     return {
         "version": __version__,
         "protocol": PROTOCOL,
@@ -48,7 +50,7 @@ def score(paired: Frames, on_progress: Callable[[int, int], object] = lambda don
         "by_range_missing": no_ranges,
         "by_class": _by_class(together),
         "by_class_measure": PER_CLASS,
-        "notes": [*paired.notes, *_undefined(counts)],
+        "notes": [*paired.notes, *_remarks(counts)],
     }
 
 
@@ -103,9 +105,16 @@ def _why_no_ranges(frames: tuple[Frame, ...]) -> str | None:
     return f"scans are missing beside the labels (velodyne): {missing}"
 
 
-def _undefined(counts: Mapping[str, Counts]) -> list[str]:
-    still = [name for name, one in counts.items() if not scores_of(one)["moving"]]
-    if not still:
-        return []
-    where = "the labels hold" if len(still) == len(counts) else f"in sequence {some(still)} the labels hold"
-    return [f"{where} no moving point: IoU and recall are undefined there"]
+def _remarks(counts: Mapping[str, Counts]) -> list[str]:
+    """What the scores of some sequences, or all, come from."""
+    scores = {name: scores_of(one) for name, one in counts.items()}
+    still = [name for name, one in scores.items() if not one["moving"]]
+    silent = [name for name, one in scores.items() if one["moving"] and not one["found"] + one["false_alarms"]]
+    remarks = []
+    if still:
+        where = "the labels hold" if len(still) == len(counts) else f"in sequence {some(still)} the labels hold"
+        remarks.append(f"{where} no moving point: IoU and recall are undefined there")
+    if silent:
+        where = "" if len(silent) == len(counts) else f" in sequence {some(silent)}"
+        remarks.append(f"no labelled point is predicted as moving ({RANGE}){where}")
+    return remarks

@@ -12,9 +12,10 @@ from runtime.classes import MOVING, STATIC, to_classes
 from runtime.errors import SequenceError, some
 from runtime.evaluation.confusion import Confusion
 from runtime.evaluation.layout import by_stem, find_labels
-from runtime.recordings.labels import read_labels
+from runtime.recordings.labels import read_prediction
 from runtime.recordings.poses import Pose
 from runtime.recordings.recording import Indexed, Scan
+from runtime.recordings.registry import as_given
 
 if TYPE_CHECKING:
     from runtime.runner import MosRunner
@@ -58,7 +59,7 @@ class Stored:
         """root: with sequences/NN/predictions/*.label, or one such folder, which gives the system its name unless
         there is another. Raises SequenceError where there are none.
         """
-        self.name = name or Path(root).resolve().name
+        self.name = name or as_given(Path(root)).name
         found = find_labels(root, "predictions")
         if recording.name not in found and len(found) > 1:
             there = some(list(found), most=30)
@@ -72,7 +73,7 @@ class Stored:
                 f"{self._folder / scan.key}.label: there is no prediction of this scan; choose another scan, or let "
                 f"the tool finish the sequence first"
             )
-        moving: NDArray[np.bool_] = to_classes(read_labels(self._files[scan.key], len(scan.data))) == MOVING
+        moving: NDArray[np.bool_] = to_classes(read_prediction(self._files[scan.key], len(scan.data))) == MOVING
         return moving
 
 

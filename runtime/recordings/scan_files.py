@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.errors import PoseError, SequenceError
-from runtime.recordings.labels import read_labels
+from runtime.recordings.labels import read_truth
 from runtime.recordings.pose_files import FilePoses, read_file_poses, read_times
 from runtime.recordings.poses import Poses
 from runtime.recordings.recording import Indexed, Options, Scan
@@ -47,7 +47,7 @@ class ScanFiles(Indexed):
 
     def labels(self, index: int) -> npt.NDArray[np.uint32] | None:
         path = self.folder / "labels" / f"{self.keys[index]}.label"
-        return read_labels(path, self.count(index)) if path.is_file() else None
+        return read_truth(path, self.count(index)) if path.is_file() else None
 
     def other_poses(self) -> dict[str, Poses]:
         return {} if self.file_poses is None else self.file_poses.readings(self.folder)

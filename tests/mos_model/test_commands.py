@@ -11,7 +11,7 @@ from runtime.classes import to_classes
 from runtime.commands.handler import run_alone
 from runtime.errors import OutputError
 from runtime.evaluation.confusion import Confusion
-from runtime.recordings.labels import read_labels
+from runtime.recordings.labels import read_prediction, read_truth
 from tests.support.paths import BUNDLE
 
 
@@ -41,8 +41,8 @@ def test_scores_are_those_of_the_files(tmp_path, no_pillow):
     assert done.pictures == ()
     want = Confusion()
     for name in ("000000.label", "000001.label"):
-        true = read_labels(done.sequence / "labels" / name)
-        want.add(to_classes(true), to_classes(read_labels(done.summary.folder / name, len(true))))
+        true = read_truth(done.sequence / "labels" / name)
+        want.add(to_classes(true), to_classes(read_prediction(done.summary.folder / name, len(true))))
     np.testing.assert_array_equal(done.scores.matrix, want.matrix)
     assert want.matrix.sum() == done.summary.points
     assert [(stage, done, total) for stage, done, total, _ in stages if stage == "find what moves"] == [

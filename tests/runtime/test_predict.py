@@ -10,7 +10,7 @@ import pytest
 from runtime.errors import MosWarning, OutputError, ScanError, SettingError
 from runtime.predict import predict, predictions_folder
 from runtime.recordings.journal import Journal
-from runtime.recordings.labels import read_labels, write_labels
+from runtime.recordings.labels import read_prediction, write_labels
 from runtime.recordings.recording import Options, Recording
 from runtime.recordings.registry import open_recording
 from runtime.recordings.scans import read_scan
@@ -115,7 +115,7 @@ def test_every_scan_gets_the_labels_of_the_runner(made, runner, whole, tmp_path)
     moving = 0
     for i in range(COUNT):
         result = label(runner, recording.read(i))
-        labels = read_labels(label_file(tmp_path, recording, i), recording.count(i))
+        labels = read_prediction(label_file(tmp_path, recording, i), recording.count(i))
         np.testing.assert_array_equal(labels, np.where(result.moving, 251, 9))
         moving += int(result.moving.sum())
     assert 0.3 < moving / summary.points < 0.7  # swapped or constant labels would show
@@ -483,7 +483,7 @@ def test_points_without_direction_are_static(folder, runner, tmp_path):
     scan.tofile(path)
     recording = open_recording(folder)
     predict(recording, runner, tmp_path)
-    labels = read_labels(label_file(tmp_path, recording, 9), len(scan))
+    labels = read_prediction(label_file(tmp_path, recording, 9), len(scan))
     assert (labels[::3] == 9).all()
     assert (labels[1::3] == 9).all()
 

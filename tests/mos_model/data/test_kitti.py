@@ -5,8 +5,6 @@ import pytest
 
 from mos_model.data import kitti
 from mos_model.data.dataset import SampleConfig
-from mos_model.data.labels import label_classes
-from runtime.classes import LABELS, to_classes
 from runtime.errors import SequenceError
 from tests.support.paths import KITTI
 from tests.support.training import SENSOR, write_recording
@@ -105,13 +103,17 @@ def test_labels_outside_the_map(root):
         kitti.training_frames(CONFIG, recordings, seed=0, crops=1)
 
 
-def test_label_map():
-    labels = np.array(LABELS, np.uint32) | np.uint32(3 << 16)
-    assert np.array_equal(label_classes(labels), to_classes(labels))
-    assert label_classes(np.array([0, 1, 9, 40, 251, 252, 259], np.uint32)).tolist() == [0, 0, 1, 1, 2, 2, 2]
-    for unknown in (2, 100, 250, 260, 65535):
-        with pytest.raises(SequenceError, match=f"here: label {unknown} "):
-            label_classes(np.array([40, unknown], np.uint32), "here")
+@pytest.mark.parametrize(
+    "change", [np.float32, lambda labels: labels % 65536 > 250, lambda labels: labels.astype(">u4")]
+)
+def test_labels_of_another_type(root, change):
+    """They would be unlabelled points and static ones, and the training would learn that nothing moves."""
+    for label in (root / "sequences" / "00" / "labels").iterdir():
+        made = change(np.fromfile(label, "<u4"))
+        (made.astype("<u4") if made.dtype == bool else made).tofile(label)
+    recordings = kitti.open_recordings(root, ["00"])
+    with pytest.raises(SequenceError, match=r"\.label.*seems to hold"):
+        kitti.training_frames(CONFIG, recordings, seed=0, crops=1)
 
 
 @pytest.mark.skipif(not KITTI.is_dir(), reason="needs the KITTI excerpt of ../shared/data")

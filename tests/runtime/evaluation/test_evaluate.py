@@ -184,7 +184,7 @@ def test_every_missing_prediction_is_named(truth, guess):
 def test_many_problems_are_counted(tmp_path):
     frames = {f"{i:06d}": [9] for i in range(14)}
     truth, guess = write_labels(tmp_path / "labels", frames), write_labels(tmp_path / "predictions", {"0": [9]})
-    with pytest.raises(SequenceError, match=r"(?s)14 problems.*000009.label: missing\n  and 4 more$"):
+    with pytest.raises(SequenceError, match=r"(?s)14 problems.*000004.label: missing\n  and 9 more$"):
         pair(guess, truth)
 
 
@@ -211,8 +211,59 @@ def test_every_file_that_does_not_fit_is_named(truth, guess):
 
 def test_a_mask_of_ones_is_no_prediction(truth, guess):
     write_labels(guess / "sequences" / "10" / "predictions", {"000000": [1, 0]})
-    with pytest.raises(SequenceError, match="unknown label 1 on 1 of 2 points; write 251 for moving"):
+    with pytest.raises(
+        SequenceError, match="unknown label 1 on 1 of 2 points; seems to hold a mask of zeros and ones;"
+    ):
         score(pair(guess, truth))
+
+
+@pytest.mark.parametrize(
+    ("change", "seems"),
+    [
+        (lambda moving: moving.astype("<f4"), "seems to hold float32; write 251"),
+        (lambda moving: np.where(moving, 251, 9).astype(">u4"), "seems to hold big-endian numbers; write 251"),
+        (lambda moving: np.where(moving, 251, 9).astype("<i8"), "but so many numbers of 64 bits; write 251"),
+    ],
+)
+def test_predictions_of_another_type_are_not_scored_as_zero(truth, guess, change, seems):
+    for file in guess.glob("sequences/*/predictions/*.label"):
+        change(np.fromfile(file, "<u4") % 65536 > 250).tofile(file)
+    with pytest.raises(SequenceError, match="3 problems") as caught:
+        score(pair(guess, truth))
+    assert str(caught.value).count(seems) == 3
+
+
+def test_a_truth_that_is_a_mask_is_not_scored(truth, guess):
+    for file in truth.glob("sequences/*/labels/*.label"):
+        (np.fromfile(file, "<u4") % 65536 > 250).astype("<u4").tofile(file)
+    with pytest.raises(SequenceError, match="none of 7 points has a label other than 0 and 1; seems to hold a mask"):
+        score(pair(guess, truth))
+    for file in truth.glob("sequences/*/labels/*.label"):
+        np.zeros_like(np.fromfile(file, "<u4")).tofile(file)
+    with pytest.raises(SequenceError, match="no point has a label other than 0 and 1, so nothing was scored"):
+        score(pair(guess, truth))
+
+
+def test_predictions_in_which_nothing_moves_get_a_sentence(truth, guess, capsys):
+    write_labels(guess / "sequences" / "08" / "predictions", {"000000": [9] * 7, "000001": [0, 0, 9]})
+    assert score(pair(guess, truth))["notes"] == [
+        "no labelled point is predicted as moving (251 to 259) in sequence 08"
+    ]
+    write_labels(guess / "sequences" / "10" / "predictions", {"000000": [9, 9]})
+    assert main(["eval", str(guess), str(truth)]) == 0
+    assert "no labelled point is predicted as moving (251 to 259)\n" in capsys.readouterr().out
+
+
+def test_a_link_has_the_name_that_it_was_given(truth, guess, tmp_path):
+    (guess / "sequences" / "08").rename(tmp_path / "elsewhere")
+    (guess / "sequences" / "08").symlink_to(tmp_path / "elsewhere")
+    (truth / "sequences" / "08").rename(tmp_path / "recorded")
+    (truth / "sequences" / "08").symlink_to(tmp_path / "recorded")
+    assert score(pair(guess, truth))["together"]["iou"] == 3 / 8
+    for folder in ("", "predictions"):
+        report = score(pair(guess / "sequences" / "08" / folder, truth))
+        assert list(report["sequences"]) == ["08"]
+        assert report["by_range"] is not None
 
 
 def test_files_that_cannot_be_read_or_are_cut_off(truth, guess):

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from runtime.commands.main import main
-from runtime.errors import OutputError, SequenceError, SettingError
+from runtime.errors import MosWarning, OutputError, SequenceError, SettingError
 from runtime.evaluation import submission
-from runtime.evaluation.benchmark import TEST_SCANS
-from runtime.evaluation.submission import check, pack
+from runtime.evaluation.submission import TEST_SCANS, check, pack
 from tests.support.dataset import at, write_labels, write_scans
 from tests.support.disk import full_disk
 
@@ -129,7 +128,7 @@ def test_without_scans_gaps_show(guess, short):
 
 def test_the_benchmark_has_20351_test_scans(guess):
     assert sum(TEST_SCANS.values()) == 20351
-    with pytest.raises(SequenceError, match=r"11/predictions/000002.label: missing(?s:.)*and 20319 more"):
+    with pytest.raises(SequenceError, match=r"11/predictions/000002.label: missing(?s:.)*and 20324 more"):
         check(guess)
 
 
@@ -144,6 +143,33 @@ def test_unknown_labels_leave_no_archive_and_an_older_one_as_it_was(root, guess,
     assert "21/predictions/000000.label: unknown label 77 on 1 of 3 points" in str(caught.value)
     assert file.read_text() == "older"
     assert sorted(os.listdir(tmp_path)) == ["kitti", "mine.zip", "out"]
+
+
+@pytest.mark.parametrize(
+    ("change", "kind"),
+    [
+        (lambda labels: (labels > 250).astype("<f4"), "float32"),
+        (lambda labels: labels.astype(">u4"), "big-endian numbers"),
+    ],
+)
+@pytest.mark.parametrize("known", [True, False])
+def test_predictions_of_another_type_are_not_packed(root, guess, tmp_path, change, kind, known):
+    for i in range(2):
+        change(labels("12", i)).tofile(folder(guess, "12") / f"{i:06d}.label")
+    with pytest.raises(SequenceError, match=f"(?s)2 problems.*12/predictions/000000.label.*seems to hold {kind}"):
+        pack(check(guess, root if known else None), tmp_path / "mine.zip")
+    assert not (tmp_path / "mine.zip").exists()
+
+
+def test_a_submission_in_which_nothing_moves_gets_a_sentence(root, guess, tmp_path, capsys):
+    for name in TEST_SCANS:
+        if name != "17":
+            write_labels(folder(guess, name), {f"{i:06d}": [9] * points(name, i) for i in range(2)})
+    with pytest.warns(MosWarning, match=r"sequence 11, 12, 13 and 7 more is labelled as moving \(251 to 259\)"):
+        pack(check(guess, root), tmp_path / "mine.zip")
+    write_labels(folder(guess, "17"), {f"{i:06d}": [9] * points("17", i) for i in range(2)})
+    assert main(["eval", str(guess), str(root), "--zip", str(tmp_path / "mine.zip")]) == 0
+    assert "mine.zip: no point of any sequence is labelled as moving" in capsys.readouterr().err
 
 
 def test_files_that_cannot_be_read(root, guess, tmp_path):

@@ -127,6 +127,24 @@ def test_predictions_that_do_not_fit_are_named(sequence, tmp_path):
         Stored(tmp_path / "other", sequence)
 
 
+@pytest.mark.parametrize("change", [lambda moving: moving.astype("<f4"), lambda moving: moving.astype("<u4")])
+def test_what_holds_no_labels_is_not_drawn(sequence, tmp_path, change):
+    points = sequence.count(0)
+    (tmp_path / "p").mkdir()
+    change(np.arange(points) % 5 == 0).tofile(tmp_path / "p" / "000000.label")
+    with pytest.raises(SequenceError, match=r"000000\.label: .*; seems to hold .*; write 251 for moving"):
+        list(snapshots(sequence, [Stored(tmp_path / "p", sequence)], [0]))
+
+
+def test_a_truth_that_holds_no_labels_is_not_drawn(tmp_path):
+    folder = street.write_kitti(tmp_path / "07", 1, rows=8, columns=60)
+    sequence = open_recording(folder)
+    (folder / "labels").mkdir()
+    np.ones(sequence.count(0), "<f4").tofile(folder / "labels" / "000000.label")
+    with pytest.raises(SequenceError, match=r"000000\.label: .*; seems to hold float32; are these labels"):
+        list(snapshots(sequence, [], [0]))
+
+
 def test_choice_of_scans(sequence):
     assert choose_scans(sequence, None, 1) == range(8, 9)  # the first one with a full history
     assert choose_scans(sequence, None, 30) == range(9)

@@ -13,7 +13,7 @@ from runtime.commands.main import main
 from runtime.errors import InferenceError, SequenceError
 from runtime.pictures import write_picture
 from runtime.pictures.verdict import COLOURS, FALSE_ALARM, FOUND, MISSED
-from runtime.recordings.labels import read_labels, write_labels
+from runtime.recordings.labels import read_truth, write_labels
 from tests.support import street
 from tests.support.disk import full_disk
 from tests.support.paths import TINY
@@ -26,7 +26,7 @@ def predictions(tmp_path_factory):
     """Two systems: one finds all movers, the other is off by a hundred points."""
     root = tmp_path_factory.mktemp("predictions")
     for file in sorted((SCANS / "labels").iterdir()):
-        moving = to_classes(read_labels(file)) == 2
+        moving = to_classes(read_truth(file)) == 2
         write_labels(root / "right" / "sequences" / "00" / "predictions" / file.name, moving)
         wrong = np.roll(moving, 100)
         write_labels(root / "wrong" / "sequences" / "00" / "predictions" / file.name, wrong)
