@@ -114,8 +114,8 @@ class _Run:
         if self.journal[scan.key] == Entry(made_of) and size == LABEL_BYTES * len(scan.data):
             self._leave_out(scan)
         else:
+            self.summary.anew += self.journal[scan.key].made_of not in (None, made_of)
             self._label(scan, path, made_of, started)
-            self.summary.anew += size is not None
         return True
 
     def skip(self, key: str, reason: str) -> None:

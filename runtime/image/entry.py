@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from runtime.compute.jit import kernel
 from runtime.compute.workers import Workers
-from runtime.errors import ScanError
+from runtime.recordings.scans import check_scan
 
 _GRAIN = 32_768  # points per task
 
@@ -40,7 +40,7 @@ class Entry:
         Remission that is missing or not finite is filled in. `points` of what is returned is a buffer that the next
         call reuses. Raises ScanError for another shape or dtype.
         """
-        given = _checked(scan)
+        given = check_scan(scan)
         count, columns = given.shape
         if len(self._buffer) < count:
             self._buffer = np.empty((count + count // 8, 4), np.float32)
@@ -66,17 +66,3 @@ def _enter(points, remission, reach, takes_part):  # type: ignore[no-untyped-def
         takes_part[i] = r > np.float32(0) and r <= reach  # neither holds for NaN
         if not np.isfinite(points[i, 3]):
             points[i, 3] = remission
-
-
-def _checked(scan: ArrayLike) -> NDArray[np.floating]:
-    try:
-        data = np.asarray(scan)
-    except ValueError as error:  # rows of different lengths
-        raise ScanError(f"scan: is no array of points: {error}") from error
-    if data.dtype.type not in (np.float32, np.float64):
-        raise ScanError(f"scan: points must be float32 or float64, not {data.dtype}; convert them to float32 metres")
-    if data.ndim != 2 or data.shape[1] not in (3, 4):
-        raise ScanError(
-            f"scan: has the shape (points, 4) for x y z remission, or (points, 3) without remission, not {data.shape}"
-        )
-    return data

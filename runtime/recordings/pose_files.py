@@ -37,7 +37,7 @@ class PoseFiles:
     def origin(self, folder: Path) -> str:
         """Words that change when other files are named, and not when all of it is moved."""
         files = [self.poses] if self.calib is None else [self.poses, self.calib]
-        return f"{' and '.join(os.path.relpath(file, folder) for file in files)}, {self.frame}"
+        return f"{' and '.join(_from(folder, file) for file in files)}, {self.frame}"
 
 
 def find_pose_files(folder: Path, options: Options) -> PoseFiles:
@@ -48,19 +48,19 @@ def find_pose_files(folder: Path, options: Options) -> PoseFiles:
     if options.frame not in (None, *FRAMES):
         raise SettingError(f"the pose frame must be camera or lidar, not {options.frame!r}")
     if options.frame == "lidar" and options.calib:
-        raise SettingError(f"poses of the LiDAR need no calibration: leave out {options.calib}, or the pose frame")
+        raise SettingError(f"poses of the LiDAR need no calibration: leave out `calib` ({options.calib}), or `frame`")
     usual = [folder / "poses.txt", folder.parent.parent / "poses" / f"{folder.name}.txt"]
     pose_file = _first_file([options.poses] if options.poses else usual)
     if pose_file is None:
         looked = options.poses or f"{usual[0]} or {usual[1]}"
-        raise PoseError(f"no poses: {looked} does not exist, and no other file is named")
+        raise PoseError(f"no poses: {looked} does not exist; name the file (`poses`)")
     if options.frame == "lidar":
         return PoseFiles(pose_file, None)
     calib_file = _first_file([options.calib or folder / "calib.txt"])
     if calib_file is None:
         raise PoseError(
-            f"no calibration: {options.calib or folder / 'calib.txt'} does not exist. KITTI poses are the camera's "
-            f"and need the line 'Tr:' of its calib.txt; if yours are the LiDAR's own, say that the pose frame is lidar"
+            f"no calibration: {options.calib or folder / 'calib.txt'} does not exist. KITTI poses are the camera's and "
+            f"need the line 'Tr:' of its calib.txt (`calib`); if yours are the LiDAR's own, say so (`frame='lidar'`)"
         )
     return PoseFiles(pose_file, calib_file)
 
@@ -125,7 +125,8 @@ def match_lines(scans: tuple[Path, ...], count: int, what: str, limit: int | Non
         return list(range(used))
     if count < used:
         raise SequenceError(
-            f"{what} for {used} scans in {scans[0].parent}; name the whole file, or take only the first {count} scans"
+            f"{what} for {used} scans in {scans[0].parent}; "
+            f"name the whole file, or take the first scans (`limit={count}`)"
         )
     numbers = [int(scan.stem) for scan in scans if scan.stem.isdigit()]
     if len(numbers) < len(scans) or numbers[-1] >= count:
@@ -154,6 +155,13 @@ def read_times(file: Path, scans: tuple[Path, ...], limit: int | None) -> npt.ND
         reason = f"{file}: from scan to scan the time steps by {step:.3g}, so that these are no seconds"
     warnings.warn(f"{reason}; no times are used, gaps in them are not noticed", MosWarning, stacklevel=2)
     return None
+
+
+def _from(folder: Path, file: Path) -> str:
+    try:
+        return os.path.relpath(file, folder)
+    except ValueError:  # on another drive of Windows
+        return os.path.abspath(file)
 
 
 def _first_file(files: list[Path]) -> Path | None:

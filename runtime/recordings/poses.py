@@ -46,13 +46,14 @@ def read_poses(path: str | Path) -> Poses:
 
 
 def camera_to_lidar(poses: Poses, tr: Pose) -> Poses:
-    """KITTI camera poses (T, 4, 4) to T_world_lidar (T, 4, 4), the world being the LiDAR frame of the first
-    pose.
+    """KITTI camera poses (T, 4, 4) to T_world_lidar (T, 4, 4), the world being the LiDAR frame of the first pose.
 
-    inv(Tr) @ inv(P_0) @ P_t @ Tr with tr = T_camera_lidar. Raises PoseError where the first pose is not
-    rigid.
+    inv(Tr) @ inv(P_0) @ P_t @ Tr with tr = T_camera_lidar, and P_0 the first pose that is rigid. Raises PoseError where
+    there is none.
     """
-    to_lidar = np.linalg.inv(tr) @ np.linalg.inv(check_pose(poses[0], "first pose"))
+    skew, determinant = _deviation(poses)
+    rigid = np.maximum(skew, abs(determinant - 1)) <= ROUNDED_TOLERANCE  # NaN is not
+    to_lidar = np.linalg.inv(tr) @ np.linalg.inv(check_pose(poses[np.argmax(rigid)], "first pose"))
     with np.errstate(invalid="ignore", over="ignore"):  # later poses are checked one by one
         moved: Poses = to_lidar @ poses @ tr
     return moved

@@ -51,7 +51,7 @@ def find_recordings(path: str | Path, names: tuple[str, ...] = ()) -> list[Found
     else:
         raise SequenceError(f"{given}: holds no recording: neither {' nor '.join(one.TITLE for one in READERS)}")
     if names and not any(given in one.parents for one in paths):
-        raise SequenceError(f"{given}: is one recording; leave out its name or give the root above it")
+        raise SequenceError(f"{given}: is one recording; leave out its name (`names`) or give the root above it")
     there = [one.name for one in paths]
     if missing := [name for name in names if name not in there]:
         raise SequenceError(f"{given}: has no sequence {', '.join(missing)}; there are {some(there, most=30)}")
@@ -63,7 +63,7 @@ def open_recording(path: str | Path, options: Options = DEFAULTS, name: str | No
     found = find_recordings(path, (name,) if name else ())
     if len(found) > 1:
         raise SequenceError(
-            f"{path}: has the sequences {some([one.path.name for one in found], most=30)}; name one of them"
+            f"{path}: has the sequences {some([one.path.name for one in found], most=30)}; name one (`name`)"
         )
     return found[0].open(options)
 
@@ -75,7 +75,7 @@ def open_recordings(path: str | Path, names: tuple[str, ...] = (), options: Opti
     """
     found = find_recordings(path, names)
     if len(found) > 1 and (options.poses or options.calib):
-        raise SettingError(f"a pose file or calibration is for one recording, not for {len(found)}: name one of them")
+        raise SettingError(f"a pose file or calibration is for one recording, not for {len(found)}: name one (`names`)")
     opened = [one.open(options) for one in found]
     for name, count in Counter(one.name for one in opened).items():
         if count > 1:

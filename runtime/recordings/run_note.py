@@ -42,7 +42,7 @@ def claim(folder: Path, identity: dict[str, Any], recording: Recording, overwrit
             delete(file)
         note.write({})
         return note
-    advice = "choose another --out, or replace them by --overwrite"
+    advice = "choose another place (`out`), or replace them (`overwrite`)"
     found = _read(note.path)
     if found is None:
         raise SettingError(f"{folder} holds predictions, but {NOTE} beside it does not say of what; {advice}")

@@ -77,12 +77,12 @@ def open_files(folder: Path, scans: Path, options: Options) -> ScanFiles:
 
 
 def scan_files(folder: Path) -> list[Path]:
-    """Files of a folder that may be scans, by their names, in no order."""
+    """Files of a folder that are scans by their names, in no order; links that lead nowhere too: they are missed."""
     with os.scandir(folder) as entries:
         return [
             folder / entry.name
             for entry in entries
-            if entry.name.lower().endswith(SUFFIXES) and not entry.name.startswith(".") and entry.is_file()
+            if entry.name.lower().endswith(SUFFIXES) and not entry.name.startswith(".") and not entry.is_dir()
         ]
 
 

@@ -14,11 +14,16 @@ ScanData = npt.NDArray[np.float32]  # (N, 4) or (N, 3)
 
 
 def as_scan(array: npt.ArrayLike, where: str = "scan") -> ScanData:
-    """`array` as float32, C-contiguous; no copy where it is that already, so never write into the result.
+    """`array`, see `check_scan`, as float32, C-contiguous; no copy where it is that already, so never write into it.
 
-    Accepts (N, 4) or (N, 3) of float32 or float64. NaN and infinite points stay (float64 beyond the range of float32
-    becomes infinite). Raises ScanError, its message beginning with `where`.
+    NaN and infinite points stay; float64 beyond the range of float32 becomes infinite.
     """
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(check_scan(array, where), np.float32)
+
+
+def check_scan(array: npt.ArrayLike, where: str = "scan") -> npt.NDArray[np.floating]:
+    """`array`, if it is (N, 4) or (N, 3) of float32 or float64. Raises ScanError, beginning with `where`."""
     try:
         data = np.asarray(array)
     except ValueError as error:  # rows of different lengths
@@ -30,8 +35,7 @@ def as_scan(array: npt.ArrayLike, where: str = "scan") -> ScanData:
             f"{where}: a scan has the shape (points, 4) for x y z remission, or (points, 3) without "
             f"remission, not {data.shape}"
         )
-    with np.errstate(over="ignore"):
-        return np.ascontiguousarray(data, np.float32)
+    return data
 
 
 def read_scan(path: str | Path) -> ScanData:
@@ -52,7 +56,7 @@ def count_points(path: str | Path) -> int:
     if path.suffix.lower() != ".npy":
         return _check_size(path)
     array = _open_npy(path, mapped=True)
-    as_scan(array[:0], str(path))
+    check_scan(array[:0], str(path))
     return len(array)
 
 

@@ -162,7 +162,7 @@ def test_incomplete_predictions_are_made_again(made, runner, whole, tmp_path):
     cut.write_bytes(cut.read_bytes()[:-4])
     label_file(tmp_path, recording, 9).unlink()
     summary = predict(recording, runner, tmp_path)
-    assert (summary.resumed, summary.scans, summary.anew) == (COUNT - 2, 2, 1)
+    assert (summary.resumed, summary.scans, summary.anew) == (COUNT - 2, 2, 0)
     assert contents(tmp_path) == whole
 
 
@@ -171,7 +171,7 @@ def test_poses_of_another_file_are_refused_and_overwritten_on_request(folder, ru
         predict(open_recording(folder), runner, tmp_path / "out", on_progress=stop_after(3))
     other = Options(poses=folder / "other.txt")
     street.write_poses(folder / "other.txt", np.tile(np.eye(4), (COUNT, 1, 1)))
-    with pytest.raises(SettingError, match=r"\(poses differ.*--overwrite"):
+    with pytest.raises(SettingError, match=r"\(poses differ.*`overwrite`"):
         predict(open_recording(folder, other), runner, tmp_path / "out")
     assert len(contents(tmp_path / "out")) == 3
     still = predict(open_recording(folder, other), runner, tmp_path / "out", overwrite=True)
@@ -298,7 +298,7 @@ def test_another_recording_of_the_same_name_is_refused(made, folder, runner, who
     for i in range(COUNT):
         change(folder, i)
     predict(open_recording(made), runner, tmp_path / "out")
-    with pytest.raises(SettingError, match=r"another recording, .*07; .*--overwrite"):
+    with pytest.raises(SettingError, match=r"another recording, .*07; .*`overwrite`"):
         predict(open_recording(folder), runner, tmp_path / "out")
     assert contents(tmp_path / "out") == whole
 
@@ -438,7 +438,7 @@ def test_predictions_of_unknown_origin_are_not_continued(made, runner, tmp_path,
     predict(recording, runner, tmp_path)
     note = tmp_path / "sequences" / "07" / "run.json"
     note.unlink() if text is None else note.write_text(text)
-    with pytest.raises(SettingError, match="--overwrite"):
+    with pytest.raises(SettingError, match="`overwrite`"):
         predict(recording, runner, tmp_path)
 
 

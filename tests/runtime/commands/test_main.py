@@ -127,7 +127,7 @@ def test_poses_are_for_one_sequence(folder, tmp_path, capsys):
     street.write_kitti(tmp_path / "sequences" / "01", 2, rows=4, columns=20)
     street.write_kitti(tmp_path / "sequences" / "02", 2, rows=4, columns=20)
     assert main(["run", str(tmp_path), "--poses", str(folder / "poses.txt")]) == 1
-    assert "name one of them" in capsys.readouterr().err
+    assert "name one (`names`)" in capsys.readouterr().err
 
 
 def test_all_sequences_of_a_root(tmp_path, capsys):

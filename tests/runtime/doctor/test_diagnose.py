@@ -219,7 +219,7 @@ def test_jump(folder):
 
 def test_missing_calibration(folder):
     (folder / "calib.txt").unlink()
-    only(folder, "bad", "poses", "calib.txt", "pose frame is lidar")
+    only(folder, "bad", "poses", "calib.txt", "`frame='lidar'`")
 
 
 def test_camera_poses_taken_for_those_of_the_lidar(folder):

@@ -135,7 +135,7 @@ def test_several_sequences(tmp_path, capsys):
     for name in ("01", "02"):
         street.write_kitti(tmp_path / "sequences" / name, 2, rows=4, columns=20)
     assert main(["view", str(tmp_path), "--out", str(tmp_path / "a.png")]) == 1
-    assert "01, 02; name one of them" in capsys.readouterr().err
+    assert "01, 02; name one (`name`)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("suffix", [".png", ".gif", ".rrd"])

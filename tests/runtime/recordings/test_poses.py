@@ -117,6 +117,17 @@ def test_text_files_of_other_tools(tmp_path, data):
     np.testing.assert_array_equal(got[:, :3], [ROW.reshape(3, 4)] * 2)
 
 
+def test_a_broken_first_pose_spoils_no_other():
+    lidar = np.stack([pose(0.2 * i, (0, 0, 1), (i, 2 * i, 3)) for i in range(4)])
+    tr = pose(1.4, (1, -1, 1), (0.1, -0.2, -0.3))
+    camera = tr @ lidar @ np.linalg.inv(tr)
+    expected = camera_to_lidar(camera[1:], tr)
+    camera[0, 1, 2] = np.nan
+    np.testing.assert_allclose(camera_to_lidar(camera, tr)[1:], expected, atol=1e-9)
+    with pytest.raises(PoseError, match="NaN"):
+        camera_to_lidar(np.full((2, 4, 4), np.nan), tr)
+
+
 def test_a_pose_rounded_in_a_file_is_rigid():
     assert check_pose(np.round(pose(), 5)).dtype == np.float64
     check_pose(pose(position=(5e6, -5e6, 100)).tolist())

@@ -96,6 +96,17 @@ def test_names_that_give_no_order(tmp_path, names):
     assert all(name in str(error.value) for name in names)
 
 
+def test_a_link_that_leads_nowhere_is_a_broken_scan(folder):
+    """It is not left out in silence, which would shift the poses of those after it."""
+    path = folder / "velodyne" / "000002.bin"
+    path.unlink()
+    path.symlink_to(folder / "absent")
+    recording = open_recording(folder)
+    assert len(recording) == 6
+    with pytest.raises(ScanError, match=r"000002\.bin: cannot be read"):
+        recording.read(2)
+
+
 def test_a_broken_scan_shows_when_it_is_read(folder):
     (folder / "velodyne" / "000002.bin").write_bytes(bytes(15))
     with pytest.raises(ScanError, match=r"000002\.bin"):
