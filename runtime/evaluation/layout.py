@@ -6,7 +6,7 @@ from pathlib import Path
 
 from runtime.errors import SequenceError, some
 from runtime.recordings.registry import as_given
-from runtime.recordings.scans import SUFFIXES
+from runtime.recordings.scan_files import scan_files
 
 MOST = 5  # problems that a message names one by one
 
@@ -76,7 +76,7 @@ def pair(predictions: str | Path, truth: str | Path, names: tuple[str, ...] = ()
             problems.append(f"{true[name]}: holds no .label files")
         absent = [f"{guessed[name] / file.name}: missing" for stem, file in known.items() if stem not in made]
         if absent:
-            absent[0] += f" (1 of {len(absent)}; `mos run` goes on where it stopped)"
+            absent[0] += f" (1 of {len(absent)}; let the tool finish the sequence first)"
         problems += absent
         if extra := made.keys() - known.keys():
             notes.append(f"sequence {name}: {len(extra)} predictions of scans without labels are left out")
@@ -91,7 +91,7 @@ def pair(predictions: str | Path, truth: str | Path, names: tuple[str, ...] = ()
 def scans_of(labels: Path) -> Mapping[str, Path]:
     """Scans beside a folder of labels (or in its `velodyne`) by name without suffix; empty where there are none."""
     for folder in (labels.parent / "velodyne", labels / "velodyne", labels.parent):
-        if folder.is_dir() and (found := {file.stem: file for file in folder.iterdir() if file.suffix in SUFFIXES}):
+        if folder.is_dir() and (found := {file.stem: file for file in scan_files(folder)}):
             return found
     return {}
 

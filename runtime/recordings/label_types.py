@@ -29,7 +29,7 @@ def other_size(data: bytes) -> str | None:
         return SIZES["u1"]
     for kind, name in SIZES.items():
         values = _read(data, kind)
-        if len(values) and values.all() and np.isin(values, LABELS).all():
+        if len(values) and values.max() <= max(LABELS) and values.all() and np.isin(values, LABELS).all():
             return name
     return None
 

@@ -160,6 +160,13 @@ def test_without_scans_there_are_no_ranges(truth, guess):
     assert report["by_range_missing"] == "no scans beside the labels (velodyne)"
 
 
+def test_scans_are_found_by_any_spelling_and_folders_are_none(truth, guess):
+    scans = truth / "sequences" / "08" / "velodyne"
+    (scans / "000001.bin").rename(scans / "000001.BIN")
+    (scans / "x.bin").mkdir()
+    assert score(pair(guess, truth))["by_range"]["50+ m"]["points"] == 2
+
+
 def test_nothing_moves(truth, guess, tmp_path, capsys):
     write_labels(truth / "sequences" / "10" / "labels", {"000000": [9, 99]})
     report = score(pair(guess, truth))
