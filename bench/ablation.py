@@ -5,6 +5,7 @@ point head on its frozen image network. Thresholds come from calibration streets
 through `MosRunner`. What is finished in the folder of the runs is not done again.
 """
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,6 +25,7 @@ from mos_model.training.session import run_training
 from mos_model.training.sources import SIMULATED
 from runtime import MosRunner
 from runtime.bundle.head_shape import SMALL
+from runtime.commands.handler import run_alone
 
 ROWS = {  # of the paper's table: what each adds
     "a": ("lmnet", "one branch (LMNet)"),
@@ -93,4 +95,4 @@ def bench(
 
 
 if __name__ == "__main__":
-    typer.run(bench)
+    sys.exit(run_alone(bench, "ablation"))

@@ -4,6 +4,7 @@ Every bundle that ships with each of its post-processings; the threshold on resi
 dynamic-object-removal. All of them see the same scans.
 """
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -18,6 +19,7 @@ from runtime import MosRunner
 from runtime.bundle.loading import load_bundle
 from runtime.bundle.residual import HISTORY, Residual
 from runtime.classes import MOVING, STATIC, to_classes
+from runtime.commands.handler import run_alone
 from runtime.compute.workers import Workers
 from runtime.evaluation.confusion import Confusion
 from runtime.image.history import History
@@ -181,4 +183,4 @@ def percent(share: float, digits: int) -> float | None:
 
 
 if __name__ == "__main__":
-    typer.run(bench)
+    sys.exit(run_alone(bench, "accuracy"))

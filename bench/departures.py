@@ -3,6 +3,7 @@
 Each row is "rt" with one departure undone, random weights, as the runtime runs it.
 """
 
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +21,7 @@ from mos_model.networks.config import named_config
 from mos_model.networks.network import ImageOutput, build_image_network
 from mos_model.networks.realtime import WIDTHS, RealtimeNet, Up, conv
 from runtime.classes import CLASSES
+from runtime.commands.handler import run_alone
 from runtime.image.image_net import ImageNet
 
 CHANNELS = 16
@@ -146,4 +148,4 @@ def bench(
 
 
 if __name__ == "__main__":
-    typer.run(bench)
+    sys.exit(run_alone(bench, "departures"))

@@ -1,5 +1,6 @@
 """Time of an image network in PyTorch, ONNX Runtime and OpenVINO: `python -m bench.image_net`."""
 
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ from export.int8.prepare import prepare
 from export.int8.scenes import CALIBRATION_STREETS, simulated
 from mos_model.networks.config import named_config
 from mos_model.networks.network import build_image_network
+from runtime.commands.handler import run_alone
 from runtime.image.image_net import ImageNet
 
 
@@ -102,4 +104,4 @@ def bench(
 
 
 if __name__ == "__main__":
-    typer.run(bench)
+    sys.exit(run_alone(bench, "image_net"))

@@ -1,6 +1,7 @@
 """Time of the network input (projection and 8 residual images) beside NumPy's: `python -m bench.inputs`."""
 
 import math
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,7 @@ import typer
 from bench.report import interleaved, save, show, summary
 from bench.scans import load_frames
 from runtime.bundle.residual import HISTORY, Residual
+from runtime.commands.handler import run_alone
 from runtime.compute.workers import Workers
 from runtime.image.history import Past
 from runtime.image.inputs import InputBuilder
@@ -76,4 +78,4 @@ def bench(
 
 
 if __name__ == "__main__":
-    typer.run(bench)
+    sys.exit(run_alone(bench, "inputs"))

@@ -1,5 +1,6 @@
 """What kernels of 7 bits cost against 8, whose sums saturate without VNNI: `python -m bench.kernel_bits CHECKPOINT`."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,7 @@ from export.int8.judge import Judge
 from export.int8.prepare import prepare
 from export.int8.scenes import CALIBRATION_STREETS, JUDGING_STREETS, simulated
 from mos_model.networks.checkpoint import load
+from runtime.commands.handler import run_alone
 
 LARGEST = {"7 bits": 64, "8 bits": 127}  # of a kernel's integers
 
@@ -40,4 +42,4 @@ def bench(
 
 
 if __name__ == "__main__":
-    typer.run(bench)
+    sys.exit(run_alone(bench, "kernel_bits"))

@@ -7,6 +7,7 @@ a process of its own, so that its peak of memory is its own.
 
 import multiprocessing
 import resource
+import sys
 import tempfile
 from pathlib import Path
 from time import perf_counter
@@ -21,6 +22,7 @@ from bench.scans import there_and_back
 from runtime import MosRunner
 from runtime.bundle.residual import HISTORY
 from runtime.classes import MOVING, to_classes
+from runtime.commands.handler import run_alone
 from runtime.head.refiners import Head
 from runtime.recordings.labels import write_labels
 from runtime.recordings.recording import Options
@@ -243,4 +245,4 @@ def bench(
 
 
 if __name__ == "__main__":
-    typer.run(bench)
+    sys.exit(run_alone(bench, "latency"))

@@ -5,6 +5,7 @@ python -m bench.point_head --sequence ../shared/data/kitti/sequences/00 --labell
 About seven minutes on two cores. spconv and PyTorch are compared with where they are installed.
 """
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,6 +18,7 @@ from bench.head_growth import memory, sizes
 from bench.head_scans import HEADS, Refinement, Scan, busiest, make_head, sgemm
 from bench.report import brief, interleaved, save, show, summary
 from bench.scans import Frame, load_frames
+from runtime.commands.handler import run_alone
 
 PARTS = ("heads", "layers", "refinement", "sizes", "memory")
 PEAK = 2048  # rows and columns of the matrix product that is taken for the machine's peak
@@ -170,4 +172,4 @@ def bench(
 
 
 if __name__ == "__main__":
-    typer.run(bench)
+    sys.exit(run_alone(bench, "point_head"))

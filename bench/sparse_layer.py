@@ -5,6 +5,7 @@ python -m bench.sparse_layer --sequence ../shared/data/kitti/sequences/00 --out 
 `pip install spconv==2.3.8` brings the CPU build of spconv.
 """
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,6 +15,7 @@ import typer
 
 from bench.report import brief, interleaved, save, show, summary
 from bench.scans import load_frames
+from runtime.commands.handler import run_alone
 from runtime.compute.arena import Arena
 from runtime.compute.workers import Workers
 from runtime.head.sparse.convolution import convolve, pack
@@ -132,4 +134,4 @@ def bench(
 
 
 if __name__ == "__main__":
-    typer.run(bench)
+    sys.exit(run_alone(bench, "sparse_layer"))

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from bench.report import save, show, summary
+from runtime.commands.handler import run_alone
 
 CHILD = """
 import json, os, resource, sys, time
@@ -82,4 +83,4 @@ def bench(
 
 
 if __name__ == "__main__":
-    typer.run(bench)
+    sys.exit(run_alone(bench, "startup"))

@@ -1,5 +1,6 @@
 """Does it stay as fast and as small: CPU time and memory over thousands of scans: `python -m bench.steadiness`."""
 
+import sys
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,6 +11,7 @@ import typer
 from bench.report import resident_mb, save, show, summary
 from bench.scans import load_frames, there_and_back
 from runtime import MosRunner
+from runtime.commands.handler import run_alone
 
 SETTLED = 50  # scans, after which memory must not grow
 
@@ -45,4 +47,4 @@ def bench(
 
 
 if __name__ == "__main__":
-    typer.run(bench)
+    sys.exit(run_alone(bench, "steadiness"))

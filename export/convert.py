@@ -80,11 +80,13 @@ def export_checkpoint(
     if precision not in PRECISIONS:
         raise SettingError(f"precision must be {' or '.join(PRECISIONS)}, not {precision!r}")
     if int8 is not None and precision != "int8":
-        raise SettingError("calibration belongs to --precision int8")
+        raise SettingError("a calibration is for precision 'int8'")
     source = understand(read_tensors(checkpoint), checkpoint, network)
     source = replace(source, trained=source.trained if trained is None else trained)
     sensor = source.config.sensor
-    sensor = replace(sensor, height=height or sensor.height, width=width or sensor.width)
+    sensor = replace(
+        sensor, height=sensor.height if height is None else height, width=sensor.width if width is None else width
+    )
     source = replace(source, config=replace(source.config, sensor=sensor))
     if point_head_onnx and source.point_head is None:
         raise SettingError(f"{checkpoint}: has no point head to write as {POINT_HEAD_ONNX}")

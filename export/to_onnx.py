@@ -16,6 +16,13 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[1]
 
 
+def of_an_image(pixels: int | None) -> int | None:
+    """Rows or columns that the networks can halve four times."""
+    if pixels is not None and (pixels < 16 or pixels % 16):
+        raise typer.BadParameter(f"{pixels} is no positive multiple of 16")
+    return pixels
+
+
 def export(
     checkpoint: Annotated[
         Path | None, typer.Option(help="Checkpoint: ours, or a published one.", show_default="the default bundle's")
@@ -32,10 +39,12 @@ def export(
         typer.Option(help="Store kernels as float32 or float16.", show_default="float16 for ours, else float32"),
     ] = None,
     height: Annotated[
-        int | None, typer.Option(help="Rows of the range image.", show_default="the checkpoint's")
+        int | None,
+        typer.Option(help="Rows of the range image.", show_default="the checkpoint's", callback=of_an_image),
     ] = None,
     width: Annotated[
-        int | None, typer.Option(help="Columns of the range image.", show_default="the checkpoint's")
+        int | None,
+        typer.Option(help="Columns of the range image.", show_default="the checkpoint's", callback=of_an_image),
     ] = None,
     untrained: Annotated[
         bool, typer.Option("--untrained", help="Say in the manifest that the weights are random.")
@@ -59,6 +68,8 @@ def export(
     threads: Annotated[int, typer.Option(min=1, help="Threads of the comparison.")] = 2,
 ) -> None:
     """Turn a checkpoint, ours or a published one, into a bundle, and compare the two (extra 'export')."""
+    if calibration is not None and precision not in (None, "int8"):
+        raise typer.BadParameter(f"--calibration is for --precision int8, not for {precision}")
     need_extra("export", "torch", "onnx")
     from export.convert import export_checkpoint
     from export.int8.quantise import Settings

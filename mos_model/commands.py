@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from runtime.commands.options import Bundle, Threads
+from runtime.commands.output import show_facts, show_line
 
 if TYPE_CHECKING:
     from mos_model.simulator.demo import Demo
@@ -40,7 +41,7 @@ def simulate(
 
     with counted("scans") as progress:
         done = write_dataset(out, sequences, frames, seed, sensor, progress)
-    typer.echo(
+    show_line(
         f"{done.path}: {done.scans} scans in {done.sequences} sequences, "
         f"{done.points / done.scans:,.0f} points a scan, "
         f"{100 * done.moving_points / max(done.points, 1):.2f} % of them moving"
@@ -50,11 +51,8 @@ def simulate(
 def show_demo(demo: "Demo") -> None:
     """What was found and how fast, where the pictures are, and what to try next."""
     import numpy as np
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
 
-    console, scores, summary = Console(highlight=False, markup=False), demo.scores, demo.summary
+    scores, summary = demo.scores, demo.summary
     milliseconds = 1000 * np.asarray(summary.latency["scan"])
     median, p95 = np.percentile(milliseconds, [50, 95])
     points = summary.points / summary.scans
@@ -67,20 +65,17 @@ def show_demo(demo: "Demo") -> None:
         "labels": str(summary.folder),
         "all of it": f"{demo.seconds:.0f} s",
     }
-    table = Table(box=None, show_header=False, pad_edge=False)
-    for key, text in rows.items():
-        table.add_row(Text(key, style="bold"), Text(text))
-    console.print(table)
+    show_facts(rows)
     out = demo.sequence.parents[2]
-    console.print("next:", style="bold")
+    show_line("next:", style="bold")
     for command, what in (
         ("mos doctor YOUR_SEQUENCE", "does your data fit? (KITTI layout, or a folder of scans with poses.txt)"),
         ("mos run YOUR_SEQUENCE", "a label for every point of it"),
         ("mos view YOUR_SEQUENCE --predictions predictions --out it.gif", "look at them"),
         (f"mos eval {out / 'predictions'} {out / 'street'}", "the scores above by range and class"),
     ):
-        console.print(f"  {command}", soft_wrap=True)
-        console.print(f"      {what}", style="dim", soft_wrap=True)
+        show_line(f"  {command}")
+        show_line(f"      {what}", style="dim")
 
 
 def _share(value: float) -> str:

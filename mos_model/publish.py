@@ -22,6 +22,7 @@ from mos_model.networks.checkpoint import Checkpoint, load, save
 from runtime.bundle.manifest import Tuned
 from runtime.classes import MOVING, STATIC
 from runtime.commands.handler import run_alone
+from runtime.settings import CHOICES
 
 CALIBRATION_STREETS = 15_000_000  # seeds from here on choose thresholds; validation has those below
 BINS = 200
@@ -100,7 +101,7 @@ def data_of(training: Mapping[str, Any]) -> str:
 def publish(
     checkpoint: Annotated[Path, typer.Argument(help="Checkpoint of a run")],
     out: Annotated[Path, typer.Argument(help="Checkpoint that ships")],
-    streets: Annotated[int, typer.Option(help="Simulated streets for the thresholds; 5 x without movers")] = 40,
+    streets: Annotated[int, typer.Option(min=1, help="Simulated streets for the thresholds; 5 x without movers")] = 40,
     name: Annotated[str | None, typer.Option(help="Of the bundle", show_default="the network's")] = None,
     postprocess: Annotated[str | None, typer.Option(help="none, knn or head: the bundle's default")] = None,
     data: Annotated[
@@ -109,6 +110,8 @@ def publish(
     licence: Annotated[str, typer.Option(help="Of the weights, for the manifest")] = "unknown",
 ) -> None:
     """Write the checkpoint that ships."""
+    if postprocess not in (None, *CHOICES["postprocess"]):
+        raise typer.BadParameter(f"{postprocess!r} is none of {', '.join(CHOICES['postprocess'])}")
     found = load(checkpoint)
     pixels, points = calibrate(found, streets)
     threshold, iou = pixels.best_threshold(QUIET)

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import typer
 
 from runtime.commands.handler import need_extra, run_alone
-from runtime.errors import SettingError
 
 
 def train(
@@ -23,28 +22,41 @@ def train(
         typer.Option(help="Of the images, and of the simulator: hdl64e, hdl32e, vlp16, os1-32, os1-64, os1-128"),
     ] = "hdl64e",
     config: Annotated[str, typer.Option(help="Network: lmnet, b, c, d, e, v1, v2, v2-lite, rt, rt-head")] = "v1",
-    channels: Annotated[int, typer.Option(help="Width of the image network")] = 32,
+    channels: Annotated[int, typer.Option(min=1, help="Width of the image network")] = 32,
     recipe: Annotated[str, typer.Option(help="'paper' or 'sim2real'")] = "paper",
-    stage: Annotated[int, typer.Option(help="1: image network; 2: point head, image network frozen")] = 1,
-    steps: Annotated[int | None, typer.Option(help="Steps (default: of the recipe)")] = None,
-    batch: Annotated[int | None, typer.Option(help="Samples a step and process (default: of the recipe)")] = None,
-    crop: Annotated[int | None, typer.Option(help="Columns of each sample, 0: all (default: of the recipe)")] = None,
-    seed: Annotated[int, typer.Option(help="Of weights, data and dropout")] = 0,
+    stage: Annotated[int, typer.Option(min=1, max=2, help="1: image network; 2: point head, image network frozen")] = 1,
+    steps: Annotated[int | None, typer.Option(min=1, help="Steps (default: of the recipe)")] = None,
+    batch: Annotated[
+        int | None, typer.Option(min=1, help="Samples a step and process (default: of the recipe)")
+    ] = None,
+    crop: Annotated[
+        int | None, typer.Option(min=0, help="Columns of each sample, 0: all (default: of the recipe)")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of weights, data and dropout")] = 0,
     init: Annotated[Path | None, typer.Option(help="Checkpoint whose weights are the start")] = None,
     resume: Annotated[bool, typer.Option(help="Go on from last.pt in the folder of the run")] = False,
     precision: Annotated[str | None, typer.Option(help="auto, fp32, bf16 or fp16")] = None,
     device: Annotated[str, typer.Option(help="auto, cpu, cuda, cuda:1")] = "auto",
-    threads: Annotated[int, typer.Option(help="CPU threads of the network, 0: as torch likes")] = 0,
-    workers: Annotated[int, typer.Option(help="Processes that make samples")] = 1,
-    minutes: Annotated[float, typer.Option(help="Stop (and save) after so long")] = float("inf"),
-    save_every: Annotated[float, typer.Option(help="Minutes between checkpoints")] = 5.0,
-    log_every: Annotated[int, typer.Option(help="Steps between lines")] = 20,
+    threads: Annotated[int, typer.Option(min=0, help="CPU threads of the network, 0: as torch likes")] = 0,
+    workers: Annotated[int, typer.Option(min=0, help="Processes that make samples")] = 1,
+    minutes: Annotated[float, typer.Option(min=0, help="Stop (and save) after so long")] = float("inf"),
+    save_every: Annotated[float, typer.Option(min=0, help="Minutes between checkpoints")] = 5.0,
+    log_every: Annotated[int, typer.Option(min=1, help="Steps between lines")] = 20,
     set_: Annotated[
         list[str] | None,
         typer.Option("--set", help="Other settings: name=value of the recipe, augmentation.NAME, model.NAME"),
     ] = None,
 ) -> None:
     """Train a network on SemanticKITTI or on simulated streets (extra 'train')."""
+    if data == "simulated" and (road or train_on is not None or validate_on is not None):
+        raise typer.BadParameter("--road, --train-on and --validate-on pick recordings, and --data is 'simulated'")
+    if road and train_on is not None and validate_on is not None:
+        raise typer.BadParameter(
+            "--road adds to the published split, of which --train-on and --validate-on leave nothing"
+        )
+    if resume and init is not None:
+        raise typer.BadParameter("--resume goes on from last.pt, --init starts from other weights: give one of them")
+    others = dict(parse_setting(text) for text in set_ or [])
     need_extra("train", "torch")
     import torch
 
@@ -56,7 +68,6 @@ def train(
     from mos_model.training.trainer import Limits
     from runtime.sensors.registry import find_sensor
 
-    others = dict(parse_setting(text) for text in set_ or [])
     model = named_config(config, channels).to_dict() | {"sensor": asdict(find_sensor(sensor).range_image)}
     for name in [name for name in others if name.startswith("model.")]:
         set_nested(model, name.split(".")[1:], others.pop(name))
@@ -91,7 +102,7 @@ def set_nested(settings: dict[str, Any], path: list[str], value: Any) -> None:
     *outer, last = path
     for name in outer:
         if not isinstance(settings.get(name), dict):
-            raise SettingError(f"--set model.{'.'.join(path)}: {name!r} is no group of settings")
+            raise typer.BadParameter(f"--set model.{'.'.join(path)}: {name!r} is no group of settings")
         settings = settings[name]
     settings[last] = value
 
@@ -103,17 +114,25 @@ def choose_split(road: bool, train_on: str | None, validate_on: str | None) -> t
     train = kitti.TRAIN + kitti.ROAD_TRAIN if road else kitti.TRAIN
     validation = kitti.VALIDATION + kitti.ROAD_VALIDATION if road else kitti.VALIDATION
     if train_on is not None:
-        train = tuple(train_on.split(","))
+        train = names_of(train_on)
     if validate_on is not None:
-        validation = tuple(validate_on.split(",")) if validate_on else ()
+        validation = names_of(validate_on) if validate_on else ()
     return train, validation
+
+
+def names_of(text: str) -> tuple[str, ...]:
+    """("00", "01") of "00,01"."""
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        raise typer.BadParameter(f"{text!r} is no list of sequences, such as 00,01")
+    return names
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
     """("augmentation.yaw", 20) of "augmentation.yaw=20"; the value is JSON, or else a word."""
     name, equals, value = text.partition("=")
     if not equals:
-        raise SettingError(f"--set takes name=value, not {text!r}")
+        raise typer.BadParameter(f"--set takes name=value, not {text!r}")
     try:
         return name, json.loads(value)
     except json.JSONDecodeError:

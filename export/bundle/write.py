@@ -28,7 +28,7 @@ def replacing_bundle(target: Path) -> Iterator[Path]:
     BundleError where something else is there, OutputError where the disk refuses.
     """
     if target.exists() and not (target / MANIFEST).is_file() and not (target.is_dir() and _only_extras(target)):
-        raise BundleError(f"{target}: is there already and is no bundle; choose another --out")
+        raise BundleError(f"{target}: is there already and is no bundle; choose another folder (`out`)")
     with replacing_folder(target) as folder:
         yield folder
         _keep_extras(target, folder)
@@ -103,7 +103,7 @@ def rounded_to_half(module: nn.Module, what: str) -> None:
                 lost.append(key)
             value.copy_(half.float())
     if lost:
-        raise CheckpointError(f"{what}: too large for float16: {', '.join(lost)}; export with --weights float32")
+        raise CheckpointError(f"{what}: too large for float16: {', '.join(lost)}; keep float32 (`weights='float32'`)")
 
 
 def plain(values: Any) -> Any:

@@ -57,7 +57,7 @@ def understand(content: Any, path: Path, network: str | None = None) -> Source:
 
 def _ours(content: dict[str, Any], path: Path, network: str | None) -> Source:
     if network is not None:
-        raise CheckpointError(f"{path}: says itself which network it holds; leave out --network {network}")
+        raise CheckpointError(f"{path}: says itself which network it holds; leave out {network} (`network`)")
     if content["format"] != FORMAT:
         raise CheckpointError(f"{path}: format {content['format']!r}, but this version reads format {FORMAT}")
     try:
@@ -133,7 +133,7 @@ def _image_name(state: State, network: str | None) -> str:
             f"({', '.join(list(state)[:5])}, ...)"
         )
     if network is None and possible == ("b", "c"):
-        raise CheckpointError("without MetaKernel it may be b (average pooling) or c: pass --network b or c")
+        raise CheckpointError("without MetaKernel it may be b (average pooling) or c: say which (`network='b'`)")
     name = possible[0] if network is None else network
     if name not in possible:
         raise CheckpointError(f"its tensors are those of {' or '.join(possible)}, not of {name}")

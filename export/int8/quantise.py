@@ -117,5 +117,5 @@ def choose_floats(
     raise QuantisationError(
         f"INT8 loses {loss.points:.2f} points of IoU (float {loss.before:.2f} %, limit {limit:g}), with {most} of "
         f"{len(every)} layers in float too. These lose most (mean difference of the probability alone): {lines}. "
-        "Nothing was written; train longer, or export without --precision int8"
+        "Nothing was written; train longer, or leave it in float (`precision='float32'`)"
     )

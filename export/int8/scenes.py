@@ -46,7 +46,7 @@ def recorded(folder: Path, sensor: RangeImage, residual: Residual, count: int = 
     for finding in sorted(findings, key=lambda finding: finding.level):  # bad, ok, warn
         text = f"{folder}: calibration data: {finding.topic}: {finding.text}"
         if finding.level == "bad":
-            raise ScanError(f"{text}. Calibrate with scans that fit, or leave --calibration out")
+            raise ScanError(f"{text}. Calibrate with scans that fit, or leave the calibration out (`calibration`)")
         if finding.level == "warn":
             warnings.warn(text, MosWarning, stacklevel=2)
     builder = InputBuilder(sensor, residual, Workers(1))

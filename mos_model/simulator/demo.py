@@ -84,9 +84,9 @@ def _claim(out: Path, scans: int) -> None:
     try:
         theirs = note.read_bytes() != content if note.exists() else out.exists() and any(out.iterdir())
     except OSError as error:
-        raise OutputError(f"{out}: cannot be read ({error.strerror}); name another folder by --out") from error
+        raise OutputError(f"{out}: cannot be read ({error.strerror}); name another folder (`out`)") from error
     if theirs:
-        raise OutputError(f"{out}: holds something else, or a demo of other settings; name a new folder by --out")
+        raise OutputError(f"{out}: holds something else, or a demo of other settings; name a new folder (`out`)")
     write_whole(note, content)
 
 

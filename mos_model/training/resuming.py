@@ -43,7 +43,7 @@ def check_resumable(
     if problems:
         raise CheckpointError(
             f"{path}: of a run with other settings (its own against those given): {'; '.join(problems)}. "
-            "Repeat its settings to resume it; use --init to start anew from its weights"
+            "Repeat its settings to resume it, or start anew from its weights (`init`)"
         )
 
 

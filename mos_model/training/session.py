@@ -82,7 +82,7 @@ def build_task(
             checkpoint.load_state(task.trained, start["image_net"], f"{path}: image network")
         return task
     if start is None:
-        raise SettingError("stage 2 trains the point head of a trained image network: give its checkpoint as --init")
+        raise SettingError("stage 2 trains the point head of a trained image network: give its checkpoint (`init`)")
     where = path or Path("last.pt")
     check_start(start, model, where)
     image_net = build_image_network(model)

@@ -86,7 +86,7 @@ def default_bundle_path() -> Path:
         if (folder / MANIFEST).is_file():
             return folder
     raise BundleError(
-        "no default bundle is installed: pass one, MosRunner('path/to/bundle') or --bundle path/to/bundle; "
+        "no default bundle is installed: name one (`bundle='path/to/bundle'`); "
         "`mos export --checkpoint X --out path/to/bundle` makes it from a checkpoint"
     )
 

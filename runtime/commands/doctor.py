@@ -4,8 +4,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+from rich.text import Text
 
-from runtime.commands.options import Bundle, Calib, Frame, Input, Names, Poses
+from runtime.commands.options import Bundle, Calib, Frame, Input, Names, Poses, check_poses, wrong_usage
+from runtime.commands.output import say, show_line, show_rows, worded
 from runtime.errors import BundleError
 
 if TYPE_CHECKING:
@@ -18,18 +20,21 @@ COLOURS = {"ok": "green", "warn": "yellow", "bad": "red"}
 def doctor(
     path: Input,
     bundle: Bundle = None,
-    sequence: Names = None,
+    names: Names = None,
     poses: Poses = None,
-    pose_frame: Frame = None,
+    frame: Frame = None,
     calib: Calib = None,
 ) -> None:
     """Look at scans and poses and say in plain words what does not fit. Exit code 1 if anything is bad."""
+    check_poses(frame, calib)
     from runtime.doctor.diagnose import examine
     from runtime.recordings.recording import Options
-    from runtime.recordings.registry import find_recordings
+    from runtime.recordings.registry import check_options, find_recordings
 
-    found = find_recordings(path, tuple(sequence or ()))
-    options, sensor = Options(poses, calib, pose_frame), _sensor(bundle)
+    found, options = find_recordings(path, tuple(names or ())), Options(poses, calib, frame)
+    with wrong_usage():
+        check_options(found, options)
+    sensor = _sensor(bundle)
     bad = False
     for one in found:
         findings = examine(one, sensor, options)
@@ -40,18 +45,10 @@ def doctor(
 
 def show_findings(folder: Path, findings: list["Finding"]) -> None:
     """A line a finding, and how many are not ok."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    console = Console(highlight=False, markup=False)
-    table = Table(box=None, show_header=False, pad_edge=False)
-    for finding in findings:
-        table.add_row(Text(finding.level, style=COLOURS[finding.level]), Text(finding.topic), Text(finding.text))
+    show_line(str(folder))
+    show_rows((Text(one.level, style=COLOURS[one.level]), one.topic, worded(one.text)) for one in findings)
     bad, warn = (sum(finding.level == level for finding in findings) for level in ("bad", "warn"))
-    console.print(f"{folder}", soft_wrap=True)
-    console.print(table)
-    console.print(f"{bad} bad, {warn} to look at" if bad or warn else "all well")
+    show_line(f"{bad} bad, {warn} to look at" if bad or warn else "all well")
 
 
 def _sensor(bundle: Path | None) -> "RangeImage | None":
@@ -63,5 +60,5 @@ def _sensor(bundle: Path | None) -> "RangeImage | None":
     except BundleError:
         if bundle is not None:
             raise
-        typer.echo("mos: no bundle is installed: the sensor is not compared with any (--bundle)", err=True)
+        say("no bundle is installed: the sensor is not compared with any (`bundle`)")
         return None

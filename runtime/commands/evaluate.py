@@ -22,7 +22,7 @@ def evaluate(
             metavar="TRUTH", help="Root of the data set, sequences/NN/labels/*.label, or one such sequence."
         ),
     ] = None,
-    sequence: Names = None,
+    names: Names = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write the scores to a file too.")] = None,
     archive: Annotated[
         Path | None,
@@ -35,19 +35,19 @@ def evaluate(
     ] = None,
 ) -> None:
     """Score predictions of any tool by the protocol of SemanticKITTI-MOS, or pack them for its server (--zip)."""
-    names = tuple(sequence or ())
+    picked = tuple(names or ())
     if archive is not None and out is not None:
         raise typer.BadParameter("--out takes scores, and --zip packs without scoring: give one of them")
     if archive is None and truth is None:
         raise typer.BadParameter("TRUTH is missing: the root of the data set with labels (or --zip OUT.zip)")
 
     from runtime.commands.progress import counted
-    from runtime.evaluation.table import show_packed, show_scores
+    from runtime.commands.scores import show_packed, show_scores
 
     if archive is not None:
         from runtime.evaluation.submission import check, pack
 
-        submission = check(predictions, truth, names)
+        submission = check(predictions, truth, picked)
         with counted("files") as progress:
             pack(submission, archive, progress)
         show_packed(submission, archive)
@@ -55,7 +55,7 @@ def evaluate(
         from runtime.evaluation.layout import pair
         from runtime.evaluation.report import save_scores, score
 
-        frames = pair(predictions, truth, names)
+        frames = pair(predictions, truth, picked)
         with counted("scans") as progress:
             report = score(frames, progress)
         show_scores(report)

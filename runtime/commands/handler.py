@@ -8,6 +8,7 @@ from typing import Any, TextIO
 import typer
 from typer.core import TyperCommand
 
+from runtime.commands.output import SPEAKER, Speaker, say
 from runtime.errors import MissingPackageError, MosError, MosWarning
 
 PLAIN: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False}  # of every typer app
@@ -18,21 +19,24 @@ class Command(TyperCommand):
     130: interrupted."""
 
     def invoke(self, ctx: Any) -> Any:
-        name = ctx.command_path.partition(" ")[0]  # mos
+        name = ctx.command_path.partition(" ")[0]
+        before = SPEAKER.set(Speaker(name, {option.name: option.opts[0] for option in self.params if option.name}))
         with warnings.catch_warnings():
             warnings.simplefilter("default", MosWarning)
-            warnings.showwarning = _shown_as(name)
+            warnings.showwarning = _show_warning
             try:
                 return super().invoke(ctx)
             except BrokenPipeError:  # nobody reads any more, as with `| head`: typer ends without a word
                 raise
             except (MosError, OSError) as error:  # OSError: a folder that may not be read
-                typer.echo(f"{name}: {error}", err=True)
+                say(str(error))
                 raise typer.Exit(1) from None
             except SystemError as error:
                 if not is_interrupt(error):
                     raise
                 raise typer.Exit(130) from None
+            finally:
+                SPEAKER.reset(before)
 
 
 def command(name: str, function: Callable[..., None], **settings: Any) -> Any:
@@ -71,18 +75,16 @@ def need_extra(extra: str, *packages: str) -> None:
         )
 
 
-def _shown_as(name: str) -> Callable[..., None]:
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
     """Ours without the place in the code, which says nothing to a user."""
-
-    def show(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
-    ) -> None:
-        text = warnings.formatwarning(message, category, filename, lineno, line)
-        typer.echo(f"{name}: warning: {message}" if issubclass(category, MosWarning) else text, err=True)
-
-    return show
+    if issubclass(category, MosWarning):
+        say(f"warning: {message}")
+    else:
+        typer.echo(warnings.formatwarning(message, category, filename, lineno, line), err=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from runtime.commands.options import INSTALLED
+from runtime.commands.output import show_facts
 
 if TYPE_CHECKING:
     from runtime.bundle.loading import Bundle
@@ -26,10 +27,6 @@ def info(
 
 def show_bundle(bundle: "Bundle") -> None:
     """Print the manifest as a table, in words."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     from runtime.image.precision import choose_precision
 
     manifest = bundle.manifest
@@ -55,10 +52,7 @@ def show_bundle(bundle: "Bundle") -> None:
         "weights": _words(manifest.weights) or "unknown",
         "licence": manifest.licence,
     }
-    table = Table(box=None, show_header=False, pad_edge=False)
-    for key, text in rows.items():
-        table.add_row(Text(key, style="bold"), Text(text))
-    Console(highlight=False, markup=False).print(table)
+    show_facts(rows)
 
 
 def _decision(threshold: float | None) -> str:

@@ -1,10 +1,15 @@
 """Options that several commands have: each is written once."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from runtime.commands.output import worded
+from runtime.errors import SettingError
 
 
 class PoseFrame(StrEnum):
@@ -37,5 +42,22 @@ Calib = Annotated[
 ]
 Frame = Annotated[
     PoseFrame | None,
-    typer.Option(help="The poses are those of KITTI's camera or of the LiDAR itself.", show_default="camera"),
+    typer.Option(
+        "--pose-frame", help="The poses are those of KITTI's camera or of the LiDAR itself.", show_default="camera"
+    ),
 ]
+
+
+def check_poses(frame: PoseFrame | None, calib: Path | None) -> None:
+    """Refuse a calibration that would not be used."""
+    if frame is PoseFrame.LIDAR and calib is not None:
+        raise typer.BadParameter("poses of the LiDAR (--pose-frame lidar) need no --calib: leave out one of the two")
+
+
+@contextmanager
+def wrong_usage() -> Iterator[None]:
+    """Within, a SettingError is one of the options that were given: exit code 2."""
+    try:
+        yield
+    except SettingError as error:
+        raise typer.BadParameter(worded(str(error))) from None

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -16,6 +15,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.text import Text
+
+from runtime.commands.output import Terminal
 
 
 class _Speed(ProgressColumn):
@@ -31,7 +32,7 @@ def counted(what: str) -> Iterator[Callable[[int, int | None], None]]:
     """A bar for `progress(done, total)`; total: None if it is not known."""
     name = TextColumn("{task.description}", markup=False)
     columns = name, BarColumn(), MofNCompleteColumn(), _Speed(), TimeRemainingColumn()
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    with Progress(*columns, console=Terminal(stderr=True)) as progress:
         task = progress.add_task(what, total=None)
         started = False
 
@@ -51,7 +52,7 @@ def stages() -> Iterator[Callable[[str, int, int, str], None]]:
     """A bar for each stage of `report(stage, done, total, kernel)`, saying which kernel is being compiled."""
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
     note = TextColumn("[dim]{task.fields[note]}")
-    with Progress(*columns, note, console=Console(stderr=True)) as progress:
+    with Progress(*columns, note, console=Terminal(stderr=True)) as progress:
         tasks: dict[str, TaskID] = {}
 
         def show(stage: str, done: int, total: int, kernel: str) -> None:

@@ -1,13 +1,27 @@
 """`mos run`: the main job."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.table import Table
 
 from runtime.commands.handler import is_interrupt
-from runtime.commands.options import Bundle, Calib, Frame, Input, Names, Poses, Threads
+from runtime.commands.options import Bundle, Calib, Frame, Input, Names, Poses, Threads, check_poses, wrong_usage
+from runtime.commands.output import Terminal, say, show_line
+from runtime.commands.runner_options import (
+    DEFAULTS,
+    Fallback,
+    HeadEngine,
+    Postprocess,
+    Precision,
+    Providers,
+    Refine,
+    SessionOptions,
+    key_value,
+    provider,
+    runner_settings,
+)
 from runtime.errors import some
 
 if TYPE_CHECKING:
@@ -15,14 +29,6 @@ if TYPE_CHECKING:
     from runtime.recordings.recording import Indexed
     from runtime.runner import MosRunner
     from runtime.sensors.range_image import RangeImage
-
-
-class Postprocess(StrEnum):
-    """What turns the image network's classes into those of points."""
-
-    NONE = "none"
-    KNN = "knn"
-    HEAD = "head"
 
 
 def run(
@@ -33,13 +39,10 @@ def run(
     limit: Annotated[
         int | None, typer.Option(min=1, help="Only the first scans of a sequence.", show_default="all")
     ] = None,
-    sequence: Names = None,
+    names: Names = None,
     poses: Poses = None,
-    pose_frame: Frame = None,
+    frame: Frame = None,
     calib: Calib = None,
-    postprocess: Annotated[
-        Postprocess | None, typer.Option(help="From pixels to points.", show_default="the bundle's")
-    ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace predictions instead of continuing them.")
     ] = False,
@@ -47,28 +50,52 @@ def run(
         bool,
         typer.Option("--skip-broken", help="Leave scans that cannot be read, or have a broken pose, without a label."),
     ] = False,
+    postprocess: Postprocess = None,
+    refine: Refine = None,
+    head_engine: HeadEngine = None,
+    precision: Precision = DEFAULTS.precision,
+    providers: Providers = None,
+    allow_fallback: Fallback = False,
+    session_options: SessionOptions = None,
 ) -> None:
     """Label every point of a sequence: 251 moving, 9 everything else, in SemanticKITTI's layout.
 
     An interrupted run goes on where it was when the same command is given again.
     """
+    check_poses(frame, calib)
+    settings = runner_settings(
+        threads=threads,
+        postprocess=postprocess,
+        refine=refine or DEFAULTS.refine,
+        head_engine=head_engine or DEFAULTS.head_engine,
+        precision=precision,
+        providers=[provider(text) for text in providers or ()] or None,
+        allow_fallback=allow_fallback,
+        session_options=dict(key_value(text) for text in session_options or ()),
+    )
+
     from runtime.recordings.recording import Options
     from runtime.recordings.registry import open_recordings
 
-    options = Options(poses, calib, pose_frame, limit, skip_broken=skip_broken)
-    recordings = open_recordings(path, tuple(sequence or ()), options)
+    options = Options(poses, calib, frame, limit, skip_broken=skip_broken)
+    with wrong_usage():
+        recordings = open_recordings(path, tuple(names or ()), options)
 
     from runtime.runner import MosRunner
 
     try:
-        runner = MosRunner(bundle, threads=threads, postprocess=postprocess.value if postprocess else None)
+        runner = MosRunner(bundle, settings=settings)
+        if (refine or head_engine) and runner.postprocess != "head":
+            raise typer.BadParameter(
+                f"--refine and --head-engine are for the point head, not for --postprocess {runner.postprocess}"
+            )
         for recording in recordings:
             _warn_of_misfits(recording, runner.bundle.manifest.sensor.range_image)
             show_summary(recording.name, predict_with_progress(recording, runner, out, overwrite, skip_broken))
     except (KeyboardInterrupt, SystemError) as error:
         if not is_interrupt(error):
             raise
-        typer.echo("mos: interrupted. Finished predictions are kept; the same command goes on from there", err=True)
+        say("interrupted. Finished predictions are kept; the same command goes on from there")
         raise typer.Exit(130) from None
 
 
@@ -78,7 +105,7 @@ def _warn_of_misfits(recording: "Indexed", sensor: "RangeImage") -> None:
 
     for finding in diagnose(recording, sensor):
         if finding.level == "bad":
-            typer.echo(f"mos: {recording.source}: {finding.topic}: {finding.text}. The labels will be wrong", err=True)
+            say(f"{recording.source}: {finding.topic}: {finding.text}. The labels will be wrong")
 
 
 def predict_with_progress(
@@ -95,26 +122,23 @@ def predict_with_progress(
 def show_summary(name: str, summary: "Summary") -> None:
     """What was done, how long a scan took, and where the predictions are."""
     import numpy as np
-    from rich.console import Console
-    from rich.table import Table
 
     from runtime.doctor.findings import percent
 
-    console = Console(highlight=False, markup=False)
     already = f", {summary.resumed} were there already" if summary.resumed else ""
     anew = f", {summary.anew} of them anew: they, or scans that their labels depend on, have changed"
-    console.print(f"sequence {name}: {summary.scans} scans{already}{anew if summary.anew else ''}")
+    show_line(f"sequence {name}: {summary.scans} scans{already}{anew if summary.anew else ''}")
     if summary.scans:
         share = percent(summary.moving / max(1, summary.points))
-        console.print(f"{summary.points:,} points, {share} moving")
+        show_line(f"{summary.points:,} points, {share} moving")
         table = Table("ms a scan", box=None, pad_edge=False)
         for column in ("median", "p95"):
             table.add_column(column, justify="right")
         for stage, seconds in summary.latency.items():
             median, p95 = np.percentile(1000 * np.asarray(seconds), [50, 95])
             table.add_row(stage, f"{median:.1f}", f"{p95:.1f}", style="bold" if stage == "scan" else "")
-        console.print(table)
-    console.print(f"predictions: {summary.folder}", soft_wrap=True)
+        Terminal().print(table)
+    show_line(f"predictions: {summary.folder}")
     if summary.broken:
         reasons = some([f"{key} ({reason})" for key, reason in summary.broken.items()])
-        typer.echo(f"mos: sequence {name}: {len(summary.broken)} broken scans have no label: {reasons}", err=True)
+        say(f"sequence {name}: {len(summary.broken)} broken scans have no label: {reasons}")

@@ -1,11 +1,16 @@
 """`mos view`: pictures of what moves."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from runtime.commands.options import Bundle, Calib, Frame, Input, Poses, Threads
+from runtime.commands.options import Bundle, Calib, Frame, Input, Poses, check_poses
+from runtime.commands.output import show_line
+from runtime.errors import SettingError
 
 
 def view(
@@ -25,30 +30,41 @@ def view(
             show_default="middle of the sequence; 0",
         ),
     ] = None,
-    count: Annotated[int, typer.Option(min=1, help="Scans of a .gif or .rrd.")] = 30,
+    count: Annotated[int | None, typer.Option(min=1, help="Scans of a .gif or .rrd.", show_default="30")] = None,
     out: Annotated[
         Path, typer.Option(metavar="FILE", help="Picture .png, animation .gif, or 3D recording .rrd for Rerun.")
     ] = Path("view.png"),
     show: Annotated[bool, typer.Option("--show", help="Open the recording in Rerun's viewer.")] = False,
     bundle: Bundle = None,
-    threads: Threads = 2,
-    sequence: Annotated[str | None, typer.Option(help="Sequence under a root.", show_default="the only one")] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="Threads to use.", show_default="2")] = None,
+    name: Annotated[
+        str | None, typer.Option("--sequence", help="Sequence under a root.", show_default="the only one")
+    ] = None,
     poses: Poses = None,
-    pose_frame: Frame = None,
+    frame: Frame = None,
     calib: Calib = None,
 ) -> None:
     """Draw what moves: found, missed and false movers where there are labels (extra 'view')."""
+    check_poses(frame, calib)
+    suffix = out.suffix.lower()
+    if count is not None and suffix == ".png":
+        raise typer.BadParameter(f"--count is for a .gif or .rrd, and {out} shows one scan, chosen by --scan")
+    if show and suffix != ".rrd":
+        raise typer.BadParameter(f"--show opens 3D recordings, and {out} is none: let --out end with .rrd")
+    if predictions is not None and (bundle is not None or threads is not None):
+        raise typer.BadParameter("--bundle and --threads are for what a bundle says now, and --predictions are there")
+
     from runtime.commands.progress import counted
     from runtime.pictures import check_output
-    from runtime.pictures.command import check_viewer, open_viewer
+    from runtime.pictures.command import COUNT
     from runtime.pictures.command import view as draw
     from runtime.recordings.recording import Options
     from runtime.recordings.registry import open_recording
 
     check_output(out)
     if show:
-        check_viewer(out)
-    opened = open_recording(path, Options(poses, calib, pose_frame), sequence)
+        check_display(out)
+    opened = open_recording(path, Options(poses, calib, frame), name)
     with counted("scans") as progress:
         draw(
             opened,
@@ -56,11 +72,19 @@ def view(
             predictions=predictions,
             compare=compare,
             scan=scan,
-            count=count,
+            count=count or COUNT,
             bundle=bundle,
-            threads=threads,
+            threads=threads or 2,
             on_progress=progress,
         )
-    typer.echo(str(out))
+    show_line(str(out))
     if show:
-        open_viewer(out)
+        subprocess.Popen([sys.executable, "-m", "rerun", str(out)], start_new_session=True)
+
+
+def check_display(recording: str | Path) -> None:
+    """Raises SettingError where Rerun's viewer has no screen."""
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise SettingError(
+            f"there is no display for Rerun's viewer: leave out --show, and open the file elsewhere: rerun {recording}"
+        )

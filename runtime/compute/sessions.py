@@ -113,5 +113,5 @@ def _fall_back(reason: str, provider: str, allowed: bool) -> None:
     package = PACKAGES.get(provider)
     cure = f"install {package} in place of onnxruntime" if package else "choose one of those"
     if not allowed:
-        raise ProviderError(f"{reason}; {cure}, or allow the fallback to the CPU (allow_fallback=True)")
+        raise ProviderError(f"{reason}; {cure}, or allow the fallback to the CPU (`allow_fallback=True`)")
     warnings.warn(f"{reason}; running without it. To use it, {cure}", MosWarning, stacklevel=6)

@@ -10,8 +10,8 @@ from runtime.recordings.poses import Pose, Poses, check_pose
 from runtime.recordings.recording import Indexed
 
 READINGS = {  # what to do where the poses of a recording fit better if they are meant otherwise
-    "lidar": "they are taken as poses of the LiDAR: use --pose-frame lidar",
-    "camera": "they are taken as poses of KITTI's camera: use --pose-frame camera with its calib.txt",
+    "lidar": "they are taken as poses of the LiDAR: use `frame='lidar'`",
+    "camera": "they are taken as poses of KITTI's camera: use `frame='camera'` with its calib.txt",
     "inverse": "they are inverted: the file seems to hold T_lidar_world",
 }
 PERIOD = 0.1  # s between scans of SemanticKITTI, and of the simulated streets

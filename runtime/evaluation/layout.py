@@ -64,9 +64,7 @@ def pair(predictions: str | Path, truth: str | Path, names: tuple[str, ...] = ()
     if len(guessed) == len(true) == 1 and not names:  # two folders of one sequence may be called as they like
         guessed = dict(zip(true, guessed.values(), strict=True))
     problems = [
-        f"sequence {name}: no labels of it under {truth}; pick others by --sequence"
-        for name in guessed
-        if name not in true
+        f"sequence {name}: no labels of it under {truth}; pick others (`names`)" for name in guessed if name not in true
     ]
     frames: list[Frame] = []
     notes = []

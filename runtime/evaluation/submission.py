@@ -106,7 +106,7 @@ def _pick(predictions: str | Path, names: tuple[str, ...]) -> dict[str, Path]:
     if missing := [name for name in TEST_SCANS if name not in found]:
         raise SequenceError(
             f"{predictions}: has no predictions of sequence {', '.join(missing)}; the server wants all of 11 to 21 "
-            f"(there are {some(list(found))}; to pack others than the benchmark's, name them by --sequence)"
+            f"(there are {some(list(found))}; to pack others than the benchmark's, name them (`names`))"
         )
     return {name: found[name] for name in TEST_SCANS}
 

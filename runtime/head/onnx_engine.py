@@ -129,7 +129,7 @@ def choose_head(
     if engine not in ENGINES:
         raise SettingError(f"the engine of the point head must be one of {', '.join(ENGINES)}, not {engine!r}")
     if engine == "onnx" and not there:
-        raise SettingError(f"{bundle.path}: has no {POINT_HEAD_ONNX}; export it with --point-head-onnx")
+        raise SettingError(f"{bundle.path}: has no {POINT_HEAD_ONNX}; `mos export --point-head-onnx` makes it")
     if config is None:
         raise SettingError(f"{bundle.path}: has no point head")
     if engine == "auto":

@@ -1,8 +1,5 @@
 """`mos view`: a picture of a sequence."""
 
-import os
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -64,18 +61,3 @@ def choose_scans(recording: Indexed, scan: int | None, count: int) -> range:
             f"there is no scan {scan}: sequence {recording.name} has the scans 0 to {last} (by position)"
         )
     return range(scan, min(scan + count, last + 1))
-
-
-def check_viewer(path: Path) -> None:
-    """Raises SettingError where Rerun's viewer cannot show the recording `path`."""
-    if path.suffix.lower() != ".rrd":
-        raise SettingError(f"--show opens 3D recordings, and {path} is none: let --out end with .rrd")
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise SettingError(
-            f"there is no display for Rerun's viewer: leave out --show, and open the file elsewhere: rerun {path}"
-        )
-
-
-def open_viewer(path: Path) -> None:
-    """Start Rerun's viewer with a recording and go on."""
-    subprocess.Popen([sys.executable, "-m", "rerun", str(path)], start_new_session=True)

@@ -74,14 +74,19 @@ def open_recordings(path: str | Path, names: tuple[str, ...] = (), options: Opti
     Raises SequenceError, also where two have one name, SettingError, PoseError and what readers do.
     """
     found = find_recordings(path, names)
-    if len(found) > 1 and (options.poses or options.calib):
-        raise SettingError(f"a pose file or calibration is for one recording, not for {len(found)}: name one (`names`)")
+    check_options(found, options)
     opened = [one.open(options) for one in found]
     for name, count in Counter(one.name for one in opened).items():
         if count > 1:
             alike = " and ".join(one.source for one in opened if one.name == name)
             raise SequenceError(f"{alike} have one name, so that their labels would overwrite each other; rename one")
     return opened
+
+
+def check_options(found: list[Found], options: Options) -> None:
+    """Raises SettingError where what belongs to one recording is given for several."""
+    if len(found) > 1 and (options.poses or options.calib):
+        raise SettingError(f"a pose file or calibration is for one recording, not for {len(found)}: name one (`names`)")
 
 
 def as_given(path: Path) -> Path:

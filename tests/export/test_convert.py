@@ -153,7 +153,9 @@ def test_a_failed_export_leaves_the_earlier_bundle(monkeypatch, tmp_path):
     [
         ({"weights": "int4"}, SettingError, "stored as float16 or float32"),
         ({"height": 63}, SettingError, "multiple of 16"),
-        ({"network": "v1"}, CheckpointError, "leave out --network"),
+        ({"height": 0}, SettingError, "multiple of 16"),
+        ({"width": 0}, SettingError, "multiple of 16"),
+        ({"network": "v1"}, CheckpointError, "leave out v1"),
     ],
 )
 def test_settings_that_cannot_be_are_errors(tmp_path, settings, error, message):
@@ -196,7 +198,7 @@ def test_a_full_disk_leaves_the_earlier_bundle(tmp_path):
 def test_weights_beyond_float16_are_an_error():
     image_net, _ = random_network(tiny_config())
     image_net.downCntx.conv1.weight.data[0] = 1e6
-    with pytest.raises(CheckpointError, match=r"downCntx\.conv1\.weight; export with --weights float32"):
+    with pytest.raises(CheckpointError, match=r"downCntx\.conv1\.weight; keep float32"):
         write.rounded_to_half(image_net, "test")
 
 

@@ -50,3 +50,31 @@ def test_without_arguments_it_takes_the_default_or_the_tiny_checkpoint(monkeypat
         (tmp_path / place).mkdir(parents=True)
         (tmp_path / place / "checkpoint.pt").write_bytes(b"")
         assert to_onnx.default_checkpoint() == (tmp_path / place / "checkpoint.pt", tmp_path / out)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--height", "0"],
+        ["--height", "-16"],
+        ["--height", "63"],
+        ["--width", "0"],
+        ["--width", "2047"],
+        ["--threads", "0"],
+        ["--precision", "float32", "--calibration", "x"],
+    ],
+)
+def test_what_would_be_ignored_or_cannot_be_is_wrong_usage(arguments, tmp_path, capsys):
+    """No number is taken for "as in the checkpoint"."""
+    command = ["--checkpoint", str(TINY / "checkpoint.pt"), "--out", str(tmp_path / "bundle")]
+    assert run_alone(to_onnx.export, "mos export", command + arguments) == 2
+    assert "Error" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_errors_speak_of_options(tmp_path, capsys):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "cat.jpg").write_bytes(b"cat")
+    command = ["--checkpoint", str(TINY / "checkpoint.pt"), "--out", str(tmp_path / "photos")]
+    assert run_alone(to_onnx.export, "mos export", command) == 1
+    assert "choose another folder (--out)" in capsys.readouterr().err

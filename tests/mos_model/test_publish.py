@@ -1,5 +1,9 @@
 """Thresholds and the checkpoint that ships."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -10,6 +14,7 @@ from mos_model.networks.network import build_image_network, build_point_head
 from mos_model.publish import BINS, QUIET, Histogram, calibrate, data_of, publish
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.sensors.range_image import RangeImage
+from tests.support.paths import ROOT
 
 HEAD = PointHeadConfig(4, (4,), (4,), None, 0.0, 0.4, "mean")
 
@@ -72,3 +77,16 @@ def test_published_checkpoint(tmp_path):
     assert points.counts.sum() > pixels.counts.sum() > 0
     stored = checkpoint.read(tmp_path / "ship" / "checkpoint.pt")
     assert {v.dtype for v in stored["image_net"].values() if v.is_floating_point()} == {torch.float16}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"), [([], 1), (["--streets", "0"], 2), (["--postprocess", "best"], 2), (["--frobnicate"], 2)]
+)
+def test_failures_are_lines(arguments, code, tmp_path):
+    """As a module, which has no other command around it."""
+    command = [sys.executable, "-m", "mos_model.publish", "absent.pt", "out.pt", *arguments]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=environment)
+    assert done.returncode == code
+    assert "Traceback" not in done.stderr
+    assert code == 2 or done.stderr == "publish: absent.pt: there is no such checkpoint\n"

@@ -4,11 +4,13 @@ import json
 
 import pytest
 import torch
+import typer
 from typer.testing import CliRunner
 
 from mos_model import train
 from mos_model.networks import checkpoint
 from mos_model.networks.config import ModelConfig
+from runtime.commands.handler import run_alone
 from runtime.errors import CheckpointError, SequenceError, SettingError
 from runtime.sensors.registry import find_sensor
 from tests.support.training import write_recording
@@ -41,8 +43,6 @@ def one_thread():
 
 def run(*arguments: object) -> None:
     """Run `mos train` and let its errors through."""
-    import typer
-
     app = typer.Typer()
     app.command()(train.train)
     CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
@@ -124,7 +124,7 @@ def test_a_start_from_another_network_is_refused(root, tmp_path):
 
 
 def test_second_stage_needs_a_first(root, tmp_path):
-    with pytest.raises(SettingError, match="--init"):
+    with pytest.raises(SettingError, match=r"\(`init`\)"):
         run(*base(root, tmp_path / "b", "--config", "v2-lite", "--stage", 2, "--crop", 0))
 
 
@@ -144,12 +144,45 @@ def test_published_split():
 def test_settings():
     assert train.parse_setting("augmentation.yaw=20") == ("augmentation.yaw", 20)
     assert train.parse_setting("schedule=cosine") == ("schedule", "cosine")
-    with pytest.raises(SettingError, match="name=value"):
+    with pytest.raises(typer.BadParameter, match="name=value"):
         train.parse_setting("steps")
     with pytest.raises(SettingError, match="unknown setting colour"):
         run("--set", "model.colour=1")
-    with pytest.raises(SettingError, match="no group"):
-        run("--set", "model.depth.x=1")
+    with pytest.raises(typer.BadParameter, match="no group"):
+        train.set_nested({"depth": 3}, ["depth", "x"], 1)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--road"],
+        ["--train-on", "00"],
+        ["--validate-on", "08"],
+        ["--data", "{root}", "--road", "--train-on", "00", "--validate-on", "08"],
+        ["--data", "{root}", "--train-on", ""],
+        ["--data", "{root}", "--train-on", "00,,01"],
+        ["--resume", "--init", "last.pt"],
+        ["--set", "steps"],
+        ["--steps", "0"],
+        ["--batch", "0"],
+        ["--channels", "0"],
+        ["--stage", "3"],
+        ["--log-every", "0"],
+        ["--workers", "-1"],
+        ["--minutes", "-1"],
+    ],
+)
+def test_what_would_be_ignored_or_cannot_be_is_wrong_usage(arguments, root, tmp_path, capsys):
+    out = tmp_path / "run"
+    assert run_alone(train.train, "mos train", ["--out", str(out), *(one.format(root=root) for one in arguments)]) == 2
+    assert "Error" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_errors_speak_of_options(root, tmp_path, capsys):
+    arguments = [str(one) for one in base(root, tmp_path / "b", "--config", "v2-lite", "--stage", 2, "--crop", 0)]
+    assert run_alone(train.train, "mos train", arguments) == 1
+    assert "give its checkpoint (--init)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("profile", ["hdl32e", "vlp16", "os1-32", "os1-64", "os1-128"])

@@ -45,7 +45,7 @@ def thin_scans():
         return simulate(*arguments, sensor=THIN, **settings)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(parity, "simulate", functools.partial(simulate, sensor=THIN))
+        patch.setattr(parity, "simulate", lambda seed, frames, _, **more: simulate(seed, frames, THIN, **more))
         patch.setattr(mos_model.simulator, "simulate", thin)
         yield
 
@@ -265,5 +265,5 @@ def test_a_bundle_keeps_its_integers_unless_told_otherwise(first, checkpoint, tm
 def test_settings_that_cannot_be_are_errors(checkpoint, tmp_path):
     with pytest.raises(SettingError, match="float32 or int8"):
         export_checkpoint(checkpoint, tmp_path / "bundle", precision="int4")
-    with pytest.raises(SettingError, match="belongs to --precision int8"):
+    with pytest.raises(SettingError, match="for precision 'int8'"):
         export_checkpoint(checkpoint, tmp_path / "bundle", int8=QUICK)

@@ -198,7 +198,7 @@ def test_pickles_in_the_weights_are_refused(folder):
 
 def test_without_a_default_bundle_the_error_says_how_to_pass_one(monkeypatch, tmp_path):
     monkeypatch.setattr(module, "__file__", str(tmp_path / "runtime" / "bundle" / "loading.py"))
-    with pytest.raises(BundleError, match=r"pass one, MosRunner\('path/to/bundle'\)"):
+    with pytest.raises(BundleError, match=r"name one .`bundle='path/to/bundle'`."):
         default_bundle_path()
     with pytest.raises(BundleError, match="no default bundle"):
         load_bundle()

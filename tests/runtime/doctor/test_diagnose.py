@@ -223,14 +223,14 @@ def test_missing_calibration(folder):
 
 
 def test_camera_poses_taken_for_those_of_the_lidar(folder):
-    only(folder, "bad", "alignment", "use --pose-frame camera", frame="lidar")
+    only(folder, "bad", "alignment", "use `frame='camera'`", frame="lidar")
     (folder / "calib.txt").unlink()
-    only(folder, "bad", "alignment", "use --pose-frame camera with its calib.txt", frame="lidar")
+    only(folder, "bad", "alignment", "use `frame='camera'` with its calib.txt", frame="lidar")
 
 
 def test_lidar_poses_taken_for_those_of_the_camera(folder):
     change_poses(folder, lambda poses: camera_to_lidar(poses, read_calib(folder / "calib.txt")))
-    only(folder, "bad", "alignment", "use --pose-frame lidar")
+    only(folder, "bad", "alignment", "use `frame='lidar'`")
     assert levels(folder, frame="lidar") == []
 
 

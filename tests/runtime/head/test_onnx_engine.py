@@ -151,7 +151,7 @@ def test_auto_takes_the_graph_on_a_gpu(bundle, without_graph, monkeypatch):
 def test_settings_that_cannot_be(bundle, without_graph):
     with pytest.raises(SettingError, match="must be one of auto, numba, onnx, not 'gpu'"):
         MosRunner(BUNDLE, threads=1, head_engine="gpu")
-    with pytest.raises(SettingError, match=r"has no point_head\.onnx; export it with --point-head-onnx"):
+    with pytest.raises(SettingError, match=r"has no point_head\.onnx; `mos export --point-head-onnx` makes it"):
         MosRunner(without_graph, threads=1, head_engine="onnx")
     with pytest.raises(ProviderError, match="Abacus"):
         choose_head(bundle, Workers(1), "onnx", ["AbacusExecutionProvider"])

@@ -1,15 +1,14 @@
 """What pictures need no Pillow for: what is shown of which scan, and what is refused."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from runtime.commands.main import main
-from runtime.errors import MissingPackageError, MosError, SequenceError, SettingError
+from runtime.errors import MissingPackageError, SequenceError, SettingError
 from runtime.pictures import Live, Stored, check_output, snapshots, write_picture
-from runtime.pictures.command import check_viewer, choose_scans
+from runtime.pictures.command import choose_scans
 from runtime.pictures.verdict import FALSE_ALARM, FOUND, MISSED, STILL, UNSCORED, legend, verdict
 from runtime.recordings.labels import write_labels
 from runtime.recordings.registry import open_recording
@@ -171,15 +170,3 @@ def test_a_missing_package_names_the_extra(package, file, tmp_path, monkeypatch,
 def test_only_known_kinds_of_files():
     with pytest.raises(SettingError, match=r"a.jpg: .*\.png .*\.gif .*\.rrd"):
         check_output("a.jpg")
-
-
-def test_a_viewer_needs_a_recording_and_a_display(monkeypatch):
-    with pytest.raises(SettingError, match="rrd"):
-        check_viewer(Path("a.png"))
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(MosError, match=r"no display.*rerun a.rrd"):
-        check_viewer(Path("a.rrd"))
-    monkeypatch.setenv("DISPLAY", ":0")
-    check_viewer(Path("a.rrd"))

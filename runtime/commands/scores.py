@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+from runtime.commands.output import Terminal, show_line
 
 if TYPE_CHECKING:
     from runtime.evaluation.submission import Submission
@@ -16,7 +17,6 @@ COLUMNS = ("IoU", "precision", "recall", "points", "moving")
 
 def show_scores(report: Mapping[str, Any]) -> None:
     """Print what `runtime.evaluation.report.score` found."""
-    console = Console(highlight=False, markup=False)
     table = Table(box=None, pad_edge=False)
     table.add_column("moving class, %")
     for column in COLUMNS:
@@ -34,24 +34,23 @@ def show_scores(report: Mapping[str, Any]) -> None:
         _heading(table, "by class")
         for name, scores in report["by_class"].items():
             _row(table, f"{scores['label']} {name}", {**scores, "moving": scores["points"]})
-    console.print(table)
+    Terminal().print(table)
     frames = report["together"]["frames"]
-    console.print(f"{frames} frames; points without a true label (0, 1) are left out")
+    show_line(f"{frames} frames; points without a true label (0, 1) are left out")
     if report["by_range_missing"]:
-        console.print(f"not by distance: {report['by_range_missing']}", soft_wrap=True)
+        show_line(f"not by distance: {report['by_range_missing']}")
     if report["by_class"]:
-        console.print(f"by class: {report['by_class_measure']}", soft_wrap=True)
+        show_line(f"by class: {report['by_class_measure']}")
     for note in report["notes"]:
-        console.print(note, soft_wrap=True)
+        show_line(note)
 
 
 def show_packed(packed: "Submission", path: Path) -> None:
     """What the archive `path` holds and what was checked."""
-    console = Console(highlight=False, markup=False)
     for name, files in packed.files.items():
-        console.print(f"sequence {name}: {len(files)} scans")
-    console.print(f"checked: known labels; {packed.checked}", soft_wrap=True)
-    console.print(f"packed: {path}", soft_wrap=True)
+        show_line(f"sequence {name}: {len(files)} scans")
+    show_line(f"checked: known labels; {packed.checked}")
+    show_line(f"packed: {path}")
 
 
 def _heading(table: Table, text: str) -> None:
