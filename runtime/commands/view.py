@@ -56,8 +56,7 @@ def view(
 
     from runtime.commands.progress import counted
     from runtime.pictures import check_output
-    from runtime.pictures.command import COUNT
-    from runtime.pictures.command import view as draw
+    from runtime.pictures.drawing import draw
     from runtime.recordings.recording import Options
     from runtime.recordings.registry import open_recording
 
@@ -72,7 +71,7 @@ def view(
             predictions=predictions,
             compare=compare,
             scan=scan,
-            count=count or COUNT,
+            count=count,
             bundle=bundle,
             threads=threads or 2,
             on_progress=progress,

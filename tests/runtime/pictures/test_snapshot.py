@@ -8,7 +8,7 @@ import pytest
 from runtime.commands.main import main
 from runtime.errors import MissingPackageError, SequenceError, SettingError
 from runtime.pictures import Live, Stored, check_output, snapshots, write_picture
-from runtime.pictures.command import choose_scans
+from runtime.pictures.drawing import choose_scans
 from runtime.pictures.verdict import FALSE_ALARM, FOUND, MISSED, STILL, UNSCORED, legend, verdict
 from runtime.recordings.labels import write_labels
 from runtime.recordings.registry import open_recording
@@ -151,6 +151,8 @@ def test_choice_of_scans(sequence):
     for number in (-1, 9):
         with pytest.raises(SettingError, match=f"no scan {number}: sequence 00 has the scans 0 to 8"):
             choose_scans(sequence, number, 1)
+    with pytest.raises(SettingError, match="count must be at least 1, not 0"):
+        choose_scans(sequence, 2, 0)
 
 
 @pytest.mark.parametrize(("package", "file"), [("PIL", "a.png"), ("PIL", "a.gif"), ("rerun", "a.rrd")])

@@ -10,10 +10,12 @@ from PIL import Image
 from mos_model.simulator.demo import run_demo
 from runtime.classes import to_classes
 from runtime.commands.main import main
-from runtime.errors import InferenceError, SequenceError
+from runtime.errors import InferenceError, SequenceError, SettingError
 from runtime.pictures import write_picture
+from runtime.pictures.drawing import draw
 from runtime.pictures.verdict import COLOURS, FALSE_ALARM, FOUND, MISSED
 from runtime.recordings.labels import read_truth, write_labels
+from runtime.recordings.registry import open_recording
 from tests.support import street
 from tests.support.disk import full_disk
 from tests.support.paths import TINY
@@ -72,6 +74,11 @@ def test_what_the_bundle_says_now_is_what_it_writes(tmp_path):
     assert view("--predictions", tmp_path / "tiny", "--out", tmp_path / "stored.png") == 0
     assert view(*bundle, "--out", tmp_path / "live.png") == 0
     assert (tmp_path / "live.png").read_bytes() == (tmp_path / "stored.png").read_bytes()
+
+
+def test_a_count_of_scans_is_not_for_one_picture(tmp_path):
+    with pytest.raises(SettingError, match=r"a.png: a .png shows one scan, so that `count` has no meaning"):
+        draw(open_recording(SCANS), tmp_path / "a.png", count=5)
 
 
 def test_a_gif_has_every_scan(predictions, tmp_path):

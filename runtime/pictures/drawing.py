@@ -1,4 +1,4 @@
-"""`mos view`: a picture of a sequence."""
+"""A picture of a recording: which scans, by what systems, into which file."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,14 +12,14 @@ from runtime.recordings.recording import Indexed
 COUNT = 30  # scans of a GIF or recording unless told otherwise
 
 
-def view(
+def draw(
     recording: Indexed,
     out: str | Path,
     *,
     predictions: Path | None = None,
     compare: Path | None = None,
     scan: int | None = None,
-    count: int = COUNT,
+    count: int | None = None,
     bundle: Path | None = None,
     threads: int = 2,
     on_progress: Callable[[int, int], object] = lambda done, total: None,
@@ -29,12 +29,14 @@ def view(
     predictions: root or folder of .label files; None: what `bundle`, or the default one, says.
     compare: such files of a second system, shown beside the first.
     scan: position in the recording, from 0: of the one scan of a .png (None: in the middle), of the first one of
-        `count` scans of a .gif or .rrd (None: 0).
+        `count` scans (None: COUNT) of a .gif or .rrd (None: 0).
 
     Raises SettingError, SequenceError, MissingPackageError, OutputError and what a runner raises.
     """
     suffix = check_output(out)
-    chosen = choose_scans(recording, scan, 1 if suffix == ".png" else count)
+    if suffix == ".png" and count is not None:
+        raise SettingError(f"{out}: a .png shows one scan, so that `count` has no meaning; choose which by `scan`")
+    chosen = choose_scans(recording, scan, 1 if suffix == ".png" else COUNT if count is None else count)
     systems: list[System] = [Stored(root, recording) for root in (predictions, compare) if root is not None]
     if predictions is None:
         from runtime.runner import MosRunner
@@ -52,7 +54,9 @@ def view(
 
 
 def choose_scans(recording: Indexed, scan: int | None, count: int) -> range:
-    """At most `count` scans from number `scan` on. Raises SettingError where there is no such scan."""
+    """At most `count` scans from number `scan` on. Raises SettingError where there is none."""
+    if count < 1:
+        raise SettingError(f"count must be at least 1, not {count}")
     last = len(recording) - 1
     if scan is None:  # a single one with a full history, if there is any
         scan = min(max(last // 2, HISTORY), last) if count == 1 else 0
