@@ -4,6 +4,7 @@ The points of a real drive as a sensor elsewhere would tell them: turned and mov
 would see from there, and what would be hidden, is not in the recording.
 """
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -14,6 +15,7 @@ import typer
 from bench.accuracy import Drive, Scan, real, score, scores, with_runner
 from bench.report import save, show
 from runtime import MosRunner
+from runtime.commands.handler import run_alone
 
 
 def turned(axis: int, degrees: float) -> np.ndarray:
@@ -75,4 +77,4 @@ def bench(
 
 
 if __name__ == "__main__":
-    typer.run(bench)
+    sys.exit(run_alone(bench, "mounting"))
