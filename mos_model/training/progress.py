@@ -96,7 +96,7 @@ class Display:
         if self._progress:
             self._progress.update(self._task, description=text.split("  ", 1)[1], completed=step)
         else:
-            print(text, flush=True)
+            self.console.print(text, highlight=False, soft_wrap=True)
 
     def _record(self, kind: str, step: int, values: dict[str, float]) -> None:
         if self._records:
