@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.commands.options import Bundle, Threads
+from runtime.commands.options import Bundle, SensorName, Threads
 from runtime.commands.output import show_facts, show_line
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def simulate(
     sequences: Annotated[int, typer.Option(min=1, help="Streets.")] = 1,
     frames: Annotated[int, typer.Option(min=1, help="Scans of each.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same data.")] = 0,
-    sensor: Annotated[str, typer.Option(help="hdl64e, hdl32e, vlp16, os1-32, os1-64 or os1-128.")] = "hdl64e",
+    sensor: SensorName = "hdl64e",
 ) -> None:
     """Write simulated streets with labels and poses, in SemanticKITTI's layout."""
     from mos_model.simulator.write import write_dataset

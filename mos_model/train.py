@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from runtime.commands.handler import need_extra, run_alone
+from runtime.commands.options import SensorName
 
 
 def train(
@@ -17,10 +18,7 @@ def train(
     road: Annotated[bool, typer.Option(help="With KITTI-Road-MOS in the same root")] = False,
     train_on: Annotated[str | None, typer.Option(help="Sequences, as 00,01 (default: the published split)")] = None,
     validate_on: Annotated[str | None, typer.Option(help="Sequences, as 08 (default: the published split)")] = None,
-    sensor: Annotated[
-        str,
-        typer.Option(help="Of the images, and of the simulator: hdl64e, hdl32e, vlp16, os1-32, os1-64, os1-128"),
-    ] = "hdl64e",
+    sensor: SensorName = "hdl64e",
     config: Annotated[str, typer.Option(help="Network: lmnet, b, c, d, e, v1, v2, v2-lite, rt, rt-head")] = "v1",
     channels: Annotated[int, typer.Option(min=1, help="Width of the image network")] = 32,
     recipe: Annotated[str, typer.Option(help="'paper' or 'sim2real'")] = "paper",

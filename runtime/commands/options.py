@@ -10,6 +10,7 @@ import typer
 
 from runtime.commands.output import worded
 from runtime.errors import SettingError
+from runtime.sensors.registry import SENSORS
 
 
 class PoseFrame(StrEnum):
@@ -30,6 +31,9 @@ Input = Annotated[
 ]
 Bundle = Annotated[Path | None, typer.Option(help="Bundle to use.", show_default=INSTALLED)]
 Threads = Annotated[int, typer.Option(min=1, help="Threads to use.")]
+SensorName = Annotated[
+    str, typer.Option("--sensor", help=f"Sensor of the streets and of the images: {', '.join(SENSORS)}.")
+]
 Names = Annotated[
     list[str] | None,
     typer.Option("--sequence", help="Sequence under a root; may be repeated.", show_default="all"),
