@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from runtime.commands.handler import need_extra, run_alone
+from runtime.commands.output import show_line
 from runtime.errors import CheckpointError
 
 if TYPE_CHECKING:
@@ -116,19 +117,19 @@ def show(done: "Export", checkpoint: Path) -> None:
     source, bundle, parity = done.source, done.bundle, done.parity
     config, files = source.config, bundle.manifest.files
     size = f"{config.sensor.height} x {config.sensor.width}"
-    typer.echo(f"read     {checkpoint}: {source.kind}, network {config.name}, {config.channels} channels, {size}")
+    show_line(f"read     {checkpoint}: {source.kind}, network {config.name}, {config.channels} channels, {size}")
     if source.dropped:
         blocks = sorted({key.split(".")[0] for key in source.dropped})
-        typer.echo(f"dropped  {len(source.dropped)} tensors that the network does not use: {', '.join(blocks)}")
+        show_line(f"dropped  {len(source.dropped)} tensors that the network does not use: {', '.join(blocks)}")
     head = "" if parity.point_head is None else f", point head {parity.point_head:.1e}"
     head += "" if parity.point_head_onnx is None else f", as ONNX graph {parity.point_head_onnx:.1e}"
-    typer.echo(f"parity   image network {parity.image_net:.1e}{head} (largest difference of a probability)")
+    show_line(f"parity   image network {parity.image_net:.1e}{head} (largest difference of a probability)")
     if IMAGE_NET_INT8 in files:
-        typer.echo(f"int8     {_words(bundle.manifest.accuracy['int8'])}")
+        show_line(f"int8     {_words(bundle.manifest.accuracy['int8'])}")
     for name, entry in files.items():
-        typer.echo(f"wrote    {bundle.path / name}: {entry.bytes / 1e6:.2f} MB, kernels in {entry.precision}")
+        show_line(f"wrote    {bundle.path / name}: {entry.bytes / 1e6:.2f} MB, kernels in {entry.precision}")
     if not source.trained:
-        typer.echo("note     the weights are not trained: for tests only")
+        show_line("note     the weights are not trained: for tests only")
 
 
 def _words(record: Mapping[str, Any]) -> str:

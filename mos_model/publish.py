@@ -22,6 +22,7 @@ from mos_model.networks.checkpoint import Checkpoint, load, save
 from runtime.bundle.manifest import Tuned
 from runtime.classes import MOVING, STATIC
 from runtime.commands.handler import run_alone
+from runtime.commands.output import show_line
 from runtime.settings import CHOICES
 
 CALIBRATION_STREETS = 15_000_000  # seeds from here on choose thresholds; validation has those below
@@ -115,11 +116,11 @@ def publish(
     found = load(checkpoint)
     pixels, points = calibrate(found, streets)
     threshold, iou = pixels.best_threshold(QUIET)
-    typer.echo(f"pixels: threshold {threshold:.3f}, moving IoU {100 * iou:.1f} on {streets} calibration streets")
+    show_line(f"pixels: threshold {threshold:.3f}, moving IoU {100 * iou:.1f} on {streets} calibration streets")
     head_threshold = None
     if found.point_head is not None:
         head_threshold, iou = points.best_threshold(QUIET)
-        typer.echo(f"point head: threshold {head_threshold:.3f}, moving IoU {100 * iou:.1f}")
+        show_line(f"point head: threshold {head_threshold:.3f}, moving IoU {100 * iou:.1f}")
     training = {
         "threshold": threshold,
         "head_threshold": head_threshold,
@@ -132,7 +133,7 @@ def publish(
     config = found.config if name is None else replace(found.config, name=name)
     out.parent.mkdir(parents=True, exist_ok=True)
     save(out, config, found.image_net, found.point_head, training, half=True)
-    typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
+    show_line(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from runtime.commands.output import worded
+from runtime.commands.output import printable, worded
 from runtime.errors import SettingError
 from runtime.sensors.registry import SENSORS
 
@@ -64,4 +64,4 @@ def wrong_usage() -> Iterator[None]:
     try:
         yield
     except SettingError as error:
-        raise typer.BadParameter(worded(str(error))) from None
+        raise typer.BadParameter(printable(worded(str(error)))) from None

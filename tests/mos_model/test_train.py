@@ -179,6 +179,15 @@ def test_what_would_be_ignored_or_cannot_be_is_wrong_usage(arguments, root, tmp_
     assert not out.exists()
 
 
+def test_errors_name_no_options_of_other_commands(root, tmp_path, capsys):
+    (root / "sequences" / "00" / "poses.txt").unlink()
+    assert run_alone(train.train, "mos train", [str(one) for one in base(root, tmp_path / "run")]) == 1
+    (said,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mos: ")]
+    assert "poses.txt" in said
+    assert "--" not in said
+    assert "`" not in said
+
+
 def test_errors_speak_of_options(root, tmp_path, capsys):
     arguments = [str(one) for one in base(root, tmp_path / "b", "--config", "v2-lite", "--stage", 2, "--crop", 0)]
     assert run_alone(train.train, "mos train", arguments) == 1

@@ -6,6 +6,8 @@ import warnings
 
 import pytest
 
+from export.to_onnx import export
+from mos_model.train import train
 from runtime.commands.handler import run_alone
 from runtime.errors import MosWarning, OutputError, SettingError
 from tests.support.paths import ROOT
@@ -47,6 +49,19 @@ def test_warnings_are_lines_in_the_words_of_the_command(capsys):
 
     assert run_alone(work, "tool", []) == 0
     assert capsys.readouterr().err == "tool: warning: that is much (--limit 2)\n"
+
+
+@pytest.mark.parametrize(("command", "packages"), [(train, ["torch"]), (export, ["torch", "onnx"])])
+def test_a_missing_package_is_named_with_its_extra(command, packages, monkeypatch, tmp_path, capsys):
+    for package in packages:
+        monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.chdir(tmp_path)
+    name = command.__name__
+    assert run_alone(command, f"mos {name}", ["--out", "x"]) == 1
+    why = f"mos: mos {name} needs {' and '.join(packages)}, not installed here: pip install 'lidar-mos[{name}]'\n"
+    assert capsys.readouterr().err == why
+    assert run_alone(command, f"mos {name}", ["--help"]) == 0
+    assert list(tmp_path.iterdir()) == []
 
 
 PROGRAMS = [

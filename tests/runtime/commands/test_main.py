@@ -4,19 +4,29 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 
 import pytest
 
 from runtime.commands.main import main
 from tests.support.paths import BUNDLE, ROOT
 
+ENTRY_POINTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["lidar_mos.commands"]
 WIDE = {**os.environ, "COLUMNS": "200", "PYTHONPATH": str(ROOT)}
 
 
 def test_importing_the_command_is_quick():
     """`mos --help` imports every command, and nothing that computes."""
     heavy = {"numpy", "numba", "onnxruntime", "scipy", "torch", "onnx", "rich.progress"}
-    code = f"import sys; from runtime.commands.main import main; main(['--help']); print({heavy!r} & set(sys.modules))"
+    loads = f"[Commands.load(EntryPoint(name, value, '')) for name, value in {ENTRY_POINTS}.items()]"
+    code = f"""
+import sys
+import tomllib
+from importlib.metadata import EntryPoint
+from runtime.commands.main import Commands, main
+assert all("cannot be loaded" not in one.help for one in {loads})
+main(["--help"])
+print({heavy!r} & set(sys.modules))"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=WIDE, check=True)
     assert done.stdout.splitlines()[-1] == "set()"
 
