@@ -15,7 +15,7 @@ from runtime.classes import MOVING, to_classes
 from runtime.compute.workers import Workers
 from runtime.head.numba_engine import FeatureMap, PointHeadEngine, fold
 from runtime.image.inputs import InputBuilder
-from runtime.recordings.labels import read_truth
+from runtime.recordings.registry import open_recording
 from runtime.sensors.range_image import RangeImage
 
 HEADS = {"lite": LITE, "full": FULL}
@@ -72,16 +72,19 @@ class Refinement:
 
 def busiest(sequence: Path) -> tuple[Scan, np.ndarray]:
     """The scan of a sequence with the most moving points, at most 2 % of it, and which they are."""
+    recording = open_recording(sequence)
     best, most = None, 0
-    for path in sorted((sequence / "labels").glob("*.label")):
-        moving = to_classes(read_truth(path)) == MOVING
+    for index in range(len(recording)):
+        if (labels := recording.labels(index)) is None:
+            continue
+        moving = to_classes(labels) == MOVING
         if most < moving.sum() <= 0.02 * len(moving):
-            best, most = (path, moving), int(moving.sum())
+            best, most = (index, moving), int(moving.sum())
     if best is None:
         raise ValueError(f"no scan of {sequence} has labels with at most 2 % of moving points")
-    path, moving = best
-    points = np.fromfile(sequence / "velodyne" / f"{path.stem}.bin", np.float32).reshape(-1, 4)
-    return Scan(points), moving & points[:, :3].any(axis=1)
+    index, moving = best
+    scan = recording.read(index)
+    return Scan(scan.data), moving & scan.points.any(axis=1)
 
 
 def sgemm(size: int = 2048) -> Callable[[], object]:

@@ -26,10 +26,10 @@ def examine(found: Found, sensor: RangeImage | None = None, options: Options = D
             recording = found.open(options)
         except PoseError as error:
             problems.append(Finding("bad", "poses", str(error)))
-            recording = found.open(replace(options, with_poses=False))
+            recording = found.open(replace(options, points_only=True))
         except MosError as error:
             return [Finding("bad", "files", str(error))]
-    told = [Finding("warn", "files", text) for text in dict.fromkeys(str(warning.message) for warning in caught)]
+    told = [Finding("warn", "files", str(warning.message)) for warning in caught]
     return diagnose(recording, sensor) + told + problems
 
 

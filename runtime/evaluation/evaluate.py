@@ -11,7 +11,7 @@ from runtime.errors import MosError, SequenceError
 from runtime.evaluation.confusion import Confusion
 from runtime.evaluation.layout import Frame, raise_all
 from runtime.recordings.labels import read_prediction, read_truth
-from runtime.recordings.scans import ScanData, read_scan
+from runtime.recordings.scans import ScanData
 
 STEP = 10.0  # m, width of a range bin
 BINS = ("0-10 m", "10-20 m", "20-30 m", "30-40 m", "40-50 m", "50+ m", "unknown")  # unknown: no scan, or not finite
@@ -29,7 +29,7 @@ class Counts:
     def add(
         self, truth: npt.NDArray[np.uint32], predicted: npt.NDArray[np.uint32], scan: ScanData | None = None
     ) -> None:
-        """Count a frame: raw labels of the benchmark, (N,) each; scan (N, 4) m for the ranges."""
+        """Count a frame: raw labels of the benchmark, (N,) each; scan (N, >= 3) m for the ranges."""
         where = np.full(len(truth), UNKNOWN) if scan is None else range_bins(scan)
         cell = (where * WIDTH + label_ids(truth)) * len(CLASSES) + to_classes(predicted)
         self.points += np.bincount(cell, minlength=self.points.size).reshape(self.points.shape)
@@ -86,10 +86,15 @@ def evaluate(
 def _read(frame: Frame, with_range: bool) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32], ScanData | None]:
     truth = read_truth(frame.truth)
     predicted = read_prediction(frame.prediction, len(truth))
-    scan = read_scan(frame.scan) if with_range and frame.scan else None
-    if scan is not None and len(scan) != len(truth):
-        raise SequenceError(f"{frame.scan}: {len(scan)} points, but {frame.truth} labels {len(truth)}")
-    return truth, predicted, scan
+    if not with_range or frame.scan is None:
+        return truth, predicted, None
+    recording, index = frame.scan
+    scan = recording.read(index)
+    if len(scan.points) != len(truth):
+        raise SequenceError(
+            f"{recording.source}: scan {scan.key} has {len(scan.points)} points, but {frame.truth} labels {len(truth)}"
+        )
+    return truth, predicted, scan.points
 
 
 def _confusion(points: npt.NDArray[np.int64]) -> Confusion:

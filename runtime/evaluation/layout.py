@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from runtime.errors import SequenceError, some
-from runtime.recordings.registry import as_given
-from runtime.recordings.scan_files import scan_files
+from runtime.recordings.recording import Indexed, Options
+from runtime.recordings.registry import as_given, find_recordings
 
 MOST = 5  # problems that a message names one by one
 
@@ -18,7 +18,7 @@ class Frame:
     sequence: str
     prediction: Path
     truth: Path
-    scan: Path | None  # None: the data set has no scans
+    scan: tuple[Indexed, int] | None  # which scan of which recording; None: the data set has none
 
 
 @dataclass(frozen=True)
@@ -86,11 +86,16 @@ def pair(predictions: str | Path, truth: str | Path, names: tuple[str, ...] = ()
     return Frames(Path(predictions), Path(truth), tuple(frames), tuple(notes))
 
 
-def scans_of(labels: Path) -> Mapping[str, Path]:
-    """Scans beside a folder of labels (or in its `velodyne`) by name without suffix; empty where there are none."""
-    for folder in (labels.parent / "velodyne", labels / "velodyne", labels.parent):
-        if folder.is_dir() and (found := {file.stem: file for file in scan_files(folder)}):
-            return found
+def scans_of(labels: Path) -> Mapping[str, tuple[Indexed, int]]:
+    """Scans of the recording beside a folder of labels, or in it, by their keys; empty where there is none."""
+    for folder in (labels.parent, labels):
+        try:
+            found = [one for one in find_recordings(folder) if one.path == as_given(folder)]
+        except SequenceError:  # nothing there that is a recording
+            continue
+        if found:
+            recording = found[0].open(Options(points_only=True))
+            return {key: (recording, index) for index, key in enumerate(recording.keys)}
     return {}
 
 

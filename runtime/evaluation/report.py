@@ -100,9 +100,9 @@ def _why_no_ranges(frames: tuple[Frame, ...]) -> str | None:
     if not without:
         return None
     if len(without) == len(frames):
-        return "no scans beside the labels (velodyne)"
+        return "no scans beside the labels"
     missing = some([f"{frame.sequence}/{frame.truth.stem}" for frame in without])
-    return f"scans are missing beside the labels (velodyne): {missing}"
+    return f"scans are missing beside the labels: {missing}"
 
 
 def _remarks(counts: Mapping[str, Counts]) -> list[str]:

@@ -113,7 +113,7 @@ def _pick(predictions: str | Path, names: tuple[str, ...]) -> dict[str, Path]:
 
 def _scans(truth: str | Path, names: tuple[str, ...]) -> dict[str, Indexed]:
     """The recording of each sequence."""
-    recordings = open_recordings(truth, options=Options(with_poses=False))
+    recordings = open_recordings(truth, options=Options(points_only=True))
     if len(recordings) == len(names) == 1:
         return {names[0]: recordings[0]}
     by_name = {one.name: one for one in recordings}

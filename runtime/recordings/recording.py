@@ -48,7 +48,7 @@ class Options:
     calib: Path | None = None  # calibration of a camera whose poses these are; None: where the format keeps it
     frame: str | None = None  # "camera" or "lidar": whose poses the file holds; None: as the format has it
     limit: int | None = None  # only the first scans
-    with_poses: bool = True  # False: leave them out; every pose is None
+    points_only: bool = False  # leave out poses and times, whatever state they are in
     skip_broken: bool = False  # a broken pose is an error of its scan, not of the recording
 
 

@@ -59,8 +59,8 @@ def open_files(folder: Path, scans: Path, options: Options) -> ScanFiles:
     Raises SequenceError or PoseError.
     """
     files = list_scans(scans)
-    found = read_file_poses(folder, files, options) if options.with_poses else None
-    times = read_times(folder / "times.txt", files, options.limit)
+    found = None if options.points_only else read_file_poses(folder, files, options)
+    times = None if options.points_only else read_times(folder / "times.txt", files, options.limit)
     files = files[: options.limit]
     return ScanFiles(
         name=folder.name,

@@ -157,7 +157,7 @@ def test_without_scans_there_are_no_ranges(truth, guess):
     report = score(pair(guess, truth))
     assert report["together"]["iou"] == 3 / 8
     assert report["by_range"] is None
-    assert report["by_range_missing"] == "no scans beside the labels (velodyne)"
+    assert report["by_range_missing"] == "no scans beside the labels"
 
 
 def test_scans_are_found_by_any_spelling_and_folders_are_none(truth, guess):
@@ -284,7 +284,7 @@ def test_files_that_cannot_be_read_or_are_cut_off(truth, guess):
 
 def test_scans_of_another_length(truth, guess):
     write_scans(truth / "sequences" / "10" / "velodyne", {"000000": at(1, 2, 3)})
-    with pytest.raises(SequenceError, match=r"000000.bin: 3 points, but .*000000.label labels 2"):
+    with pytest.raises(SequenceError, match=r"scan 000000 has 3 points, but .*000000.label labels 2"):
         score(pair(guess, truth))
 
 

@@ -79,7 +79,7 @@ def test_names_in_upper_case(folder):
     for file in (folder.parent / "log").glob("*.BIN"):
         file.unlink()
     (one,) = find_recordings(folder.parent / "log")
-    assert one.open(Options(with_poses=False)).read(0).remission is None
+    assert one.open(Options(points_only=True)).read(0).remission is None
 
 
 def test_a_linked_sequence_has_the_name_of_the_link(folder, tmp_path):

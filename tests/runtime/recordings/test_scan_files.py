@@ -64,7 +64,7 @@ def test_plain_folder_in_natural_order_with_lidar_poses(tmp_path):
 
 def test_without_poses(folder):
     (folder / "poses.txt").unlink()
-    recording = open_recording(folder, Options(with_poses=False))
+    recording = open_recording(folder, Options(points_only=True))
     assert recording.poses is None
     assert recording.read(0).pose is None
 
@@ -112,7 +112,7 @@ def test_a_broken_scan_shows_when_it_is_read(folder):
     with pytest.raises(ScanError, match=r"000002\.bin"):
         open_recording(folder).read(2)
     (folder / "velodyne" / "000003.bin").unlink()
-    recording = open_recording(folder, Options(with_poses=False))
+    recording = open_recording(folder, Options(points_only=True))
     (folder / "velodyne" / "000004.bin").unlink()
     with pytest.raises(ScanError, match=r"000004\.bin"):
         recording.read(3)
