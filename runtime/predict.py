@@ -129,7 +129,7 @@ class _Run:
             return
         self.journal.take_back(key)
         delete(self.folder / f"{key}.label")
-        self.journal.note(key, Entry(None, reason))
+        self.journal.note(key, Entry(broken=reason))
         self.note.write(self.journal.broken())
 
     def stopped(self, error: MosError, index: int, total: int | None) -> MosError:

@@ -90,7 +90,7 @@ def run(
                 f"--refine and --head-engine are for the point head, not for --postprocess {runner.postprocess}"
             )
         for recording in recordings:
-            _warn_of_misfits(recording, runner.bundle.manifest.sensor.range_image)
+            _warn_of_misfits(recording, runner.bundle.manifest.sensor.range_image, skip_broken)
             show_summary(recording.name, predict_with_progress(recording, runner, out, overwrite, skip_broken))
     except (KeyboardInterrupt, SystemError) as error:
         if not is_interrupt(error):
@@ -99,12 +99,15 @@ def run(
         raise typer.Exit(130) from None
 
 
-def _warn_of_misfits(recording: "Indexed", sensor: "RangeImage") -> None:
-    """Say on stderr what makes the labels of a recording worthless, such as poses in another frame."""
+def _warn_of_misfits(recording: "Indexed", sensor: "RangeImage", skip_broken: bool) -> None:
+    """Say on stderr what makes the labels of a recording worthless, such as poses in another frame.
+
+    skip_broken: not what is broken, which is said at the end.
+    """
     from runtime.doctor.diagnose import diagnose
 
     for finding in diagnose(recording, sensor):
-        if finding.level == "bad":
+        if finding.level == "bad" and not (skip_broken and finding.topic in ("scans", "poses")):
             say(f"{recording.source}: {finding.topic}: {finding.text}. The labels will be wrong")
 
 
@@ -141,4 +144,4 @@ def show_summary(name: str, summary: "Summary") -> None:
     show_line(f"predictions: {summary.folder}")
     if summary.broken:
         reasons = some([f"{key} ({reason})" for key, reason in summary.broken.items()])
-        say(f"sequence {name}: {len(summary.broken)} broken scans have no label: {reasons}")
+        say(f"sequence {name}: broken scans, left without a label: {len(summary.broken)}: {reasons}")

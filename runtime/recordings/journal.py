@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from runtime.errors import OutputError
@@ -16,7 +16,7 @@ JOURNAL = "scans.jsonl"  # beside the folder of the labels
 class Entry:
     """What is known of a scan that was dealt with."""
 
-    made_of: str | None  # digest of it and of the scans before it that its label depends on; None: not known
+    made_of: str | None = None  # digest of it and of the scans before it that its label depends on; None: not known
     broken: str | None = None  # why it has no label
 
 
@@ -34,7 +34,7 @@ class Journal:
         write_whole(path, "".join(_line(key, entry) for key, entry in self._entries.items()).encode())
 
     def __getitem__(self, key: str) -> Entry:
-        return self._entries.get(key, Entry(None))
+        return self._entries.get(key, Entry())
 
     def broken(self) -> dict[str, str]:
         """Scans without a label, and why."""
@@ -43,7 +43,7 @@ class Journal:
     def take_back(self, key: str) -> None:
         """The label of this scan is about to be replaced. Raises OutputError."""
         if self[key].made_of is not None:
-            self.note(key, Entry(None))
+            self.note(key, Entry())
 
     def note(self, key: str, entry: Entry) -> None:
         """The label of this scan is in its place, or it has none. Raises OutputError."""
@@ -73,7 +73,8 @@ class Dependence:
 
 
 def _line(key: str, entry: Entry) -> str:
-    return json.dumps({"scan": key, "made_of": entry.made_of, "broken": entry.broken}) + "\n"
+    known = {name: value for name, value in asdict(entry).items() if value is not None}
+    return json.dumps({"scan": key, **known}) + "\n"
 
 
 def _read(path: Path) -> dict[str, Entry]:
@@ -85,7 +86,13 @@ def _read(path: Path) -> dict[str, Entry]:
     for line in lines[:-1]:
         try:
             found = json.loads(line)
-            entries[str(found["scan"])] = Entry(found["made_of"], found["broken"])
-        except (ValueError, KeyError, TypeError):  # cut off in a crash, and written on: its scan is made anew
+            key = str(found.pop("scan"))
+            entries[key] = Entry(**found)
+        except (
+            ValueError,
+            KeyError,
+            TypeError,
+            AttributeError,
+        ):  # cut off in a crash, and written on: its scan is made anew
             continue
     return entries

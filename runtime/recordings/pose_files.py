@@ -145,11 +145,11 @@ def read_times(file: Path, scans: tuple[Path, ...], limit: int | None) -> npt.ND
         values = np.array([value for _, fields in lines_of(read_text(file)) for value in to_numbers(fields)])
         if not np.isfinite(values).all():
             raise ValueError
-        times = values[match_lines(scans, len(values), f"{file}: {len(values)} times", limit)]
+        times: npt.NDArray[np.float64] = values[match_lines(scans, len(values), f"{file}: {len(values)} times", limit)]
     except ValueError as error:  # as all of ours are too
         reason = str(error) if isinstance(error, MosError) else f"{file}: is not made of numbers"
     else:
-        step = np.median(np.diff(times)) if len(times) > 1 else LONGEST_STEP
+        step = np.median(np.diff(values)) if len(values) > 1 else LONGEST_STEP
         if 0 < step <= LONGEST_STEP:
             return times
         reason = f"{file}: from scan to scan the time steps by {step:.3g}, so that these are no seconds"

@@ -280,7 +280,7 @@ def test_killed_at_any_moment_while_labels_are_made_anew(folder, runner, whole, 
         assert contents(tmp_path / "out") == changed
 
 
-@pytest.mark.parametrize("tail", ['{"scan": "00000', "\n\n[]\n", '{"scan": "000004"}\n', "\0\0\0"])
+@pytest.mark.parametrize("tail", ['{"scan": "00000', "\n\n[]\n", '{"scan": "000004", "x": 1}\n', "\0\0\0"])
 def test_half_a_line_in_the_journal_costs_no_more_than_its_scan(made, runner, whole, tmp_path, tail):
     recording = open_recording(made)
     predict(recording, runner, tmp_path)

@@ -73,9 +73,9 @@ def test_a_broken_scan_is_skipped_on_request(folder, run, tmp_path):
         done, out, said = run("--skip-broken")
         assert done == 0
         assert f"{scans} scans" in out
-        (closing,) = [line for line in said if "have no label" in line]
-        assert "1 broken" in closing
-        assert "000002" in closing
+        (closing,) = [line for line in said if "left without a label" in line]
+        assert "label: 1: 000002" in closing
+        assert not any("will be wrong" in line for line in said)
     predictions = tmp_path / "out" / "sequences" / "07" / "predictions"
     assert [file.stem for file in sorted(predictions.iterdir())] == [f"{i:06d}" for i in (0, 1, 3, 4, 5)]
 
@@ -85,6 +85,6 @@ def test_many_broken_scans_are_a_line(folder, run):
         path.write_bytes(path.read_bytes()[:-3])
     done, _, said = run("--skip-broken")
     assert done == 0
-    assert "6 broken scans" in said[-1]
+    assert "label: 6: 000000" in said[-1]
     assert "and 3 more" in said[-1]
     assert len(said) < 4

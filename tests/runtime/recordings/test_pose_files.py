@@ -146,6 +146,12 @@ def test_times_of_an_excerpt_are_those_of_its_numbers(folder):
     np.testing.assert_allclose(recording.times, [0.2, 0.3, 0.4])
 
 
+def test_times_of_no_use_are_seen_in_the_whole_file(folder):
+    write_times(folder, np.zeros(6))
+    with pytest.warns(MosWarning, match="no seconds"):
+        assert open_recording(folder, Options(limit=1)).times is None
+
+
 def test_enough_times_for_the_first_scans(folder):
     write_times(folder, 0.1 * np.arange(4))
     lines(folder, lambda rows: rows[:4])
