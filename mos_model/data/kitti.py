@@ -87,7 +87,8 @@ def open_recordings(root: Path, names: Sequence[str]) -> list[Recording]:
         except MosError as error:
             problems.append(str(error))
     if problems:
-        raise SequenceError("the data set is not complete: " + "; ".join(problems))
+        more = f"; and {len(problems) - 5} more" if len(problems) > 5 else ""
+        raise SequenceError(f"the data set is not complete: {'; '.join(problems[:5])}{more}")
     return recordings
 
 

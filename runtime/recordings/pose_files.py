@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from runtime.errors import MosError, MosWarning, PoseError, SequenceError, SettingError, some
+from runtime.errors import MosError, MosWarning, PoseError, SequenceError, some
 from runtime.recordings.calib import read_calib
 from runtime.recordings.poses import Pose, Poses, camera_to_lidar, check_pose, read_poses, with_nearest_rotations
 from runtime.recordings.recording import Options
 from runtime.recordings.text import lines_of, read_text, to_numbers
 
-FRAMES = ("camera", "lidar")  # what the poses of a file may be poses of
 KITTI_AXES = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])  # T_camera_lidar, roughly
 LONGEST_STEP = 1.0  # s between two scans, at the median: longer ones are no times in seconds
 
@@ -43,12 +42,8 @@ class PoseFiles:
 def find_pose_files(folder: Path, options: Options) -> PoseFiles:
     """Pose and calibration file of a folder, each as given or else where KITTI keeps it, beside the path as given.
 
-    Raises PoseError saying where a file was looked for, SettingError for options that contradict each other.
+    Raises PoseError saying where a file was looked for.
     """
-    if options.frame not in (None, *FRAMES):
-        raise SettingError(f"the pose frame must be camera or lidar, not {options.frame!r}")
-    if options.frame == "lidar" and options.calib:
-        raise SettingError(f"poses of the LiDAR need no calibration: leave out `calib` ({options.calib}), or `frame`")
     usual = [folder / "poses.txt", folder.parent.parent / "poses" / f"{folder.name}.txt"]
     pose_file = _first_file([options.poses] if options.poses else usual)
     if pose_file is None:

@@ -8,9 +8,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from runtime.errors import PoseError
+from runtime.errors import PoseError, SettingError
 from runtime.recordings.fingerprint import fingerprint_of
 from runtime.recordings.poses import Pose, Poses
+
+FRAMES = ("camera", "lidar")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +48,18 @@ class Options:
 
     poses: Path | None = None  # pose file; None: where the format keeps it
     calib: Path | None = None  # calibration of a camera whose poses these are; None: where the format keeps it
-    frame: str | None = None  # "camera" or "lidar": whose poses the file holds; None: as the format has it
+    frame: str | None = None  # of FRAMES: whose poses the file holds; None: as the format has it
     limit: int | None = None  # only the first scans
     points_only: bool = False  # leave out poses and times, whatever state they are in
     skip_broken: bool = False  # a broken pose is an error of its scan, not of the recording
+
+    def __post_init__(self) -> None:
+        if self.frame not in (None, *FRAMES):
+            raise SettingError(f"`frame` must be camera or lidar, not {self.frame!r}")
+        if self.frame == "lidar" and self.calib:
+            raise SettingError(f"poses of the LiDAR need no calibration: leave out `calib` ({self.calib}), or `frame`")
+        if self.limit is not None and self.limit < 1:
+            raise SettingError(f"`limit` must be at least 1, not {self.limit}")
 
 
 DEFAULTS = Options()

@@ -55,7 +55,7 @@ def find_recordings(path: str | Path, names: tuple[str, ...] = ()) -> list[Found
     there = [one.name for one in paths]
     if missing := [name for name in names if name not in there]:
         raise SequenceError(f"{given}: has no sequence {', '.join(missing)}; there are {some(there, most=30)}")
-    return [Found(one, reader) for name in names or dict.fromkeys(there) for one in paths if one.name == name]
+    return [Found(one, reader) for name in dict.fromkeys(names or there) for one in paths if one.name == name]
 
 
 def open_recording(path: str | Path, options: Options = DEFAULTS, name: str | None = None) -> Indexed:
@@ -91,9 +91,13 @@ def check_options(found: list[Found], options: Options) -> None:
 
 def as_given(path: Path) -> Path:
     """`path` made absolute without following links, so that names and neighbours are those that its user sees."""
-    here = os.environ.get("PWD", "")
-    if not (os.path.isabs(here) and os.path.isdir(here) and os.path.samefile(here, ".")):
-        here = os.getcwd()
-    plain = Path(os.path.normpath(os.path.join(here, path)))
+    plain = Path(os.path.normpath(path if path.is_absolute() else os.path.join(_here(), path)))
     same = not path.exists() or (plain.exists() and plain.samefile(path))
     return plain if same else path.resolve()  # where '..' leads out of a link
+
+
+def _here() -> str:
+    """The working folder, with the links by which its user came there, if the shell tells them."""
+    here = os.environ.get("PWD", "")
+    known = os.path.isabs(here) and os.path.isdir(here) and os.path.samefile(here, ".")
+    return here if known else os.getcwd()

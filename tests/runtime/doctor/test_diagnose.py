@@ -88,6 +88,21 @@ def test_scan_cut_off(folder):
     only(folder, "bad", "scans", "000013.bin", "no whole number")
 
 
+def test_many_broken_scans_are_one_finding(folder):
+    for path in (folder / "velodyne").iterdir():
+        path.write_bytes(bytes(1001))
+    broken = [text for level, text in levels(folder, "scans") if level == "bad"]
+    assert len(broken) == 1
+    assert "000000.bin" in broken[0]
+    assert "13 more: 000001, 000002, 000003 and 10 more" in broken[0]
+
+
+def test_one_broken_scan_does_not_keep_the_poses_from_being_checked(folder):
+    change_poses(folder, np.linalg.inv)
+    (folder / "velodyne" / "000005.bin").write_bytes(bytes(1001))
+    assert any(level == "bad" and "T_lidar_world" in text for level, text in levels(folder, "alignment"))
+
+
 def test_scan_with_few_points(folder):
     path = folder / "velodyne" / "000006.bin"
     read_scan(path)[::3].tofile(path)

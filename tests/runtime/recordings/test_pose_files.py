@@ -40,6 +40,8 @@ def test_options_that_contradict_each_other(folder):
         open_recording(folder, Options(frame="world"))
     with pytest.raises(SettingError, match="need no calibration"):
         open_recording(folder, Options(frame="lidar", calib=folder / "calib.txt"))
+    with pytest.raises(SettingError, match="at least 1, not 0"):
+        open_recording(folder, Options(limit=0))
 
 
 def test_short_poses_are_enough_for_the_first_scans(folder):
