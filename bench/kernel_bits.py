@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from bench.report import save, show
-from export.graph.graph import to_model
 from export.graph.image_graph import Outputs, image_bytes
+from export.graph.serialise import onnx_bytes
 from export.int8.judge import Judge
 from export.int8.prepare import prepare
 from export.int8.scenes import CALIBRATION_STREETS, JUDGING_STREETS, simulated
@@ -35,7 +35,7 @@ def bench(
     judge = Judge(float_model, scenes, found.training.get("threshold"), threads)
     rows = {}
     for name, largest in LARGEST.items():
-        loss = judge.loss(to_model(prepared.pairs(largest=largest)).SerializeToString())
+        loss = judge.loss(onnx_bytes(prepared.pairs(largest=largest)))
         rows[name] = {"float": loss.before, "int8": loss.after, "difference of a probability": loss.difference}
     show(f"{config.name}: IoU of the moving class, {len(scenes)} simulated scans, %", rows)
     save(out, threads, {"checkpoint": config.name, "scans": len(scenes), "percent": rows})

@@ -7,6 +7,7 @@ order of sums.
 """
 
 import copy
+from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
@@ -20,13 +21,20 @@ NEIGHBOURS = (0, 1, 2, 3, 5, 6, 7, 8)
 
 def with_blocked_forms(network: nn.Module) -> nn.Module:
     """A copy of `network` with each SoftPool and MetaKernel in its form for ONNX Runtime."""
+    return with_forms(network, BlockedSoftPool, BlockedMetaKernel)
+
+
+def with_forms(
+    network: nn.Module, soft_pool: Callable[[], nn.Module], meta_kernel: Callable[[MetaKernel], nn.Module]
+) -> nn.Module:
+    """A copy of `network` with each SoftPool and MetaKernel in another form."""
     network = copy.deepcopy(network)
     for module in list(network.modules()):
         for name, child in module.named_children():
             if isinstance(child, SoftPool):
-                setattr(module, name, BlockedSoftPool())
+                setattr(module, name, soft_pool())
             elif isinstance(child, MetaKernel):
-                setattr(module, name, BlockedMetaKernel(child))
+                setattr(module, name, meta_kernel(child))
     return network
 
 
@@ -38,13 +46,16 @@ def copies(size: int) -> Tensor:
 class BlockedSoftPool(nn.Module):
     """SoftPool (paper, Sec. III-C); the window's pixels come from four copying convolutions."""
 
+    copy: Tensor  # (4, 1, 1, 2, 2)
+
     def __init__(self) -> None:
         super().__init__()
         self.register_buffer("copy", copies(2))
 
     def forward(self, x: Tensor) -> Tensor:
-        c = x.shape[1]
-        pixels = [F.conv2d(x, kernel.expand(c, 1, 2, 2), stride=2, groups=c) for kernel in self.copy.unbind()]
+        count = x.shape[1]
+        kernels = [kernel.expand(count, 1, 2, 2) for kernel in self.copy]
+        pixels = [F.conv2d(x, kernel, stride=2, groups=count) for kernel in kernels]
         a, b, c, d = pixels  # 4 x (B, C, H/2, W/2)
         top = torch.maximum(torch.maximum(a, b), torch.maximum(c, d))
         ea, eb, ec, ed = ((pixel - top).exp() for pixel in pixels)  # 0..1, one of them 1: no overflow
@@ -58,19 +69,24 @@ class BlockedMetaKernel(nn.Module):
     make one convolution.
     """
 
+    copy: Tensor  # (9, 1, 1, 3, 3)
+    near: Tensor  # (9, 16, 5, 3, 3)
+    centre: Tensor  # (c, c, 1, 1)
+
     def __init__(self, block: MetaKernel) -> None:
         super().__init__()
         self.bias, self.conv2, self.conv1x1 = block.conv1.bias, block.conv2, block.conv1x1
         self.register_buffer("copy", copies(3))
         difference = self.copy - self.copy[CENTRE]  # (9, 1, 1, 3, 3)
-        self.register_buffer("near", block.conv1.weight.detach() * difference)  # (9, 16, 5, 3, 3)
+        self.register_buffer("near", block.conv1.weight.detach() * difference)
         with torch.no_grad():
             same = self.conv2(act(self.bias)[None, :, None, None])  # (1, c, 1, 1)
-            self.register_buffer("centre", self.conv1x1.weight[:, CENTRE::9] * same)  # (c, c, 1, 1)
+            self.register_buffer("centre", self.conv1x1.weight[:, CENTRE::9] * same)
 
     def weight(self, x: Tensor, j: int) -> Tensor:
         """(B, c, H, W): weights of neighbour j from the coordinates (B, 5, H, W)."""
-        return self.conv2(act(F.conv2d(x, self.near[j], self.bias, padding=1)))
+        weights: Tensor = self.conv2(act(F.conv2d(x, self.near[j], self.bias, padding=1)))
+        return weights
 
     def forward(self, x: Tensor, features: Tensor) -> Tensor:
         c = features.shape[1]

@@ -3,7 +3,6 @@
 An emitter takes the tracer, the output's shape and the operation's arguments; it returns the name of the output.
 """
 
-import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -72,7 +71,7 @@ def batch_norm(
     shift = t.data(bias) - t.data(mean) * scale
     parts = {"scale": scale, "shift": shift, "mean": np.zeros_like(scale), "var": np.ones_like(scale)}
     name = t.name(x)
-    names = [t.graph.weight(f"{name}.{part}", np.float32(values)) for part, values in parts.items()]
+    names = [t.graph.weight(f"{name}.{part}", values) for part, values in parts.items()]
     return t.graph.add("BatchNormalization", [name, *names], shape, epsilon=0.0)
 
 
@@ -98,7 +97,7 @@ def binary(op: str, *names: str) -> None:
 def operand(t: Tracer, value: Any, alpha: float = 1) -> str:
     """The name of alpha * value, a tensor or a number."""
     if not isinstance(value, Tensor):
-        return t.graph.weight("scalar", np.float32(value * alpha))
+        return t.graph.weight("scalar", np.asarray([value * alpha], np.float32))
     name = t.name(value)
     return name if alpha == 1 else t.graph.add("Mul", [name, operand(t, alpha)], tuple(value.shape))
 
@@ -124,7 +123,7 @@ def reversed_difference(t: Tracer, shape: Shape, a: Tensor, b: Any, alpha: float
 @emits("clamp")
 def clamp(t: Tracer, shape: Shape, x: Tensor, low: float | None = None, high: float | None = None) -> str:
     limits = [-np.inf if low is None else low, np.inf if high is None else high]
-    names = [t.graph.weight("limit", np.asarray(value, np.float32)) for value in limits]
+    names = [t.graph.weight("limit", np.asarray([value], np.float32)) for value in limits]
     return t.graph.add("Clip", [t.name(x), *names], shape)
 
 
@@ -145,9 +144,8 @@ def cut(
 ) -> str:
     if shape == tuple(x.shape):
         return t.name(x)
-    end = sys.maxsize if end is None else end
-    names = [integers(t, [v]) for v in (start or 0, min(end, x.shape[axis]), axis, step)]
-    return t.graph.add("Slice", [t.name(x), *names], shape)
+    end = x.shape[axis] if end is None else min(end, x.shape[axis])
+    return t.graph.slice(t.name(x), shape, axis, start or 0, end, step)
 
 
 @emits("constant_pad_nd")
@@ -155,8 +153,8 @@ def pad(t: Tracer, shape: Shape, x: Tensor, pads: list[int], value: float = 0.0)
     """torch lists (before, after) from the last axis on; ONNX all befores, then all afters, from the first."""
     pairs = list(zip(pads[::2], pads[1::2], strict=True))[::-1]
     pairs = [(0, 0)] * (len(shape) - len(pairs)) + pairs
-    amounts = integers(t, [before for before, _ in pairs] + [after for _, after in pairs])
-    fill = t.graph.weight("fill", np.asarray(value, np.float32))
+    amounts = t.graph.integers(*(before for before, _ in pairs), *(after for _, after in pairs))
+    fill = t.graph.weight("fill", np.asarray([value], np.float32))
     return t.graph.add("Pad", [t.name(x), amounts, fill], shape, mode="constant")
 
 
@@ -183,7 +181,7 @@ def nearest(t: Tracer, shape: Shape, x: Tensor, size: list[int], *_: Any) -> str
 
 @emits("view", "_unsafe_view", "reshape", "unsqueeze", "squeeze")
 def reshape(t: Tracer, shape: Shape, x: Tensor, *_: Any) -> str:
-    return t.graph.add("Reshape", [t.name(x), integers(t, list(shape))], shape)
+    return t.graph.reshape(t.name(x), shape)
 
 
 @emits("permute")
@@ -207,7 +205,7 @@ def softmax(t: Tracer, shape: Shape, x: Tensor, axis: int, half_to_float: bool) 
     one = (shape[0], 1, *shape[2:])
 
     def channels(name: str) -> list[str]:
-        ends = [[integers(t, [v]) for v in (i, i + 1, 1, 1)] for i in range(shape[1])]
+        ends = [[t.graph.integers(end) for end in (i, i + 1, 1, 1)] for i in range(shape[1])]
         return [t.graph.add("Slice", [name, *end], one) for end in ends]
 
     exponent = t.graph.add("Sub", [t.name(x), t.graph.add("Max", channels(t.name(x)), one)], shape)
@@ -238,7 +236,3 @@ def average_pool(
         pads=[*padding, *padding],
         count_include_pad=int(count_include_pad),
     )
-
-
-def integers(t: Tracer, values: list[int]) -> str:
-    return t.graph.weight("integers", np.asarray(values, np.int64))

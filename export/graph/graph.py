@@ -1,18 +1,17 @@
-"""A small graph of operations, and its form as an ONNX model."""
+"""A graph of operations for the rewrites to change; who makes a value and who takes it is looked up in an index."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import onnx
-from onnx import TensorProto, helper, numpy_helper
+from onnx import TensorProto
 
-OPSET = 17
-IR_VERSION = 8  # of the ONNX file, that of opset 17
+Shape = tuple[int | str, ...]  # a dimension is a number, or the name of one that changes from run to run
 
 
-@dataclass
+@dataclass(frozen=True)
 class Weight:
     """A constant: `values` as the checkpoint has them, times `scale` that is folded into them (broadcast)."""
 
@@ -23,149 +22,180 @@ class Weight:
         """The array that the network computes with."""
         if self.scale is None:
             return self.values
-        return (self.values * self.scale).astype(np.float32)
+        return np.asarray(self.values * self.scale, np.float32)
 
 
-@dataclass
+@dataclass(eq=False)
 class Node:
-    """One operation with one output; `op` and `attributes` are those of ONNX, `domain` is "" but for extensions."""
+    """One operation with one output; `op` and `attributes` are those of ONNX, `domain` is "" but for extensions.
+
+    Only its graph changes inputs and output, for it keeps the index of them.
+    """
 
     op: str
-    inputs: list[str]
+    inputs: tuple[str, ...]  # names; "" stands for one that is left out
     output: str
     attributes: dict[str, Any] = field(default_factory=dict)
     domain: str = ""
 
 
-@dataclass
 class Graph:
-    """Nodes in the order of computation; every value has a name and, but for weights, a shape.
+    """Nodes in the order of computation; every value has a name and, but for weights, a shape."""
 
-    A dimension is a number, or the name of one that changes from run to run.
-    """
+    def __init__(self) -> None:
+        self.weights: dict[str, Weight] = {}
+        self.shapes: dict[str, Shape] = {}
+        self.inputs: dict[str, int] = {}  # element type, a TensorProto.DataType, by name
+        self.outputs: list[str] = []
+        self._nodes: list[Node] = []
+        self._producers: dict[str, Node] = {}
+        self._consumers: dict[str, dict[Node, None]] = {}  # in the order in which they came
+        self._place: Node | None = None  # new nodes stand in front of it; None: at the end
+        self._count = 0
 
-    nodes: list[Node] = field(default_factory=list)
-    weights: dict[str, Weight] = field(default_factory=dict)
-    shapes: dict[str, tuple[int | str, ...]] = field(default_factory=dict)
-    kinds: dict[str, int] = field(default_factory=dict)  # element types of inputs other than float32
-    inputs: list[str] = field(default_factory=list)
-    outputs: list[str] = field(default_factory=list)
-    _count: int = 0
-
-    def add(self, op: str, inputs: list[str], shape: tuple[int | str, ...], **attributes: Any) -> str:
-        """Append a node and return the name of its output."""
-        output = self.new_name(op, shape)
-        self.nodes.append(Node(op, inputs, output, attributes))
-        return output
-
-    def new_name(self, op: str, shape: tuple[int | str, ...]) -> str:
-        """An unused name, for a value of `shape`."""
-        self._count += 1
-        name = f"{op.lower()}_{self._count}"
-        self.shapes[name] = shape
-        return name
-
-    def weight(self, name: str, values: np.ndarray, scale: np.ndarray | None = None) -> str:
-        """Store a constant and return its name."""
-        if name in self.weights:
-            self._count += 1
-            name = f"{name}_{self._count}"
-        self.weights[name] = Weight(np.ascontiguousarray(values), scale)
-        return name
-
-    def number(self, name: str, value: np.generic) -> str:
-        """Store a constant without dimensions and return its name; `weight` gives every constant at least one."""
-        name = self.weight(name, np.asarray(value))
-        self.weights[name].values = np.asarray(value)
-        return name
+    @property
+    def nodes(self) -> tuple[Node, ...]:
+        """The nodes as they are now: the graph may change while one goes through them."""
+        return tuple(self._nodes)
 
     def producer(self, name: str) -> Node | None:
         """The node whose output is `name`; None for weights and inputs of the graph."""
-        return next((node for node in self.nodes if node.output == name), None)
+        return self._producers.get(name)
 
-    def consumers(self, name: str) -> list[Node]:
+    def consumers(self, name: str) -> tuple[Node, ...]:
         """The nodes that take `name`."""
-        return [node for node in self.nodes if name in node.inputs]
+        return tuple(self._consumers.get(name, ()))
+
+    def only_consumer(self, name: str) -> Node | None:
+        """The one node that takes `name`; None where there are others, or `name` is an output."""
+        consumers = self.consumers(name)
+        return consumers[0] if len(consumers) == 1 and name not in self.outputs else None
+
+    def sizes(self, name: str) -> tuple[int, ...]:
+        """The shape of a value all of whose dimensions are numbers."""
+        return tuple(int(size) for size in self.shapes[name])
+
+    def channels(self, name: str) -> int:
+        """Channels of a map (1, C, H, W)."""
+        return int(self.shapes[name][1])
+
+    def input(self, name: str, shape: Shape, kind: int = TensorProto.FLOAT) -> str:
+        """Declare an input of the graph and return its name."""
+        self.inputs[name], self.shapes[name] = kind, shape
+        return name
+
+    def weight(self, name: str, values: np.ndarray | np.generic, scale: np.ndarray | None = None) -> str:
+        """Store a constant, float64 as float32, and return its name: `name`, numbered where that is taken."""
+        if name in self.weights:
+            self._count += 1
+            name = f"{name}_{self._count}"
+        kind = np.float32 if values.dtype == np.float64 else values.dtype
+        self.weights[name] = Weight(np.asarray(values, kind, order="C"), scale)
+        return name
+
+    def integers(self, *values: int) -> str:
+        """Store whole numbers (n,) int64, as shapes and axes are, and return their name."""
+        return self.weight("integers", np.asarray(values, np.int64))
+
+    def add(
+        self, op: str, inputs: Sequence[str], shape: Shape, *, output: str = "", domain: str = "", **attributes: Any
+    ) -> str:
+        """Add a node, at the end or where `before` says, and return the name of its output, a new one if none is given.
+
+        shape: of the output.
+        """
+        if not output:
+            self._count += 1
+            output = f"{op.lower()}_{self._count}"
+        self.shapes[output] = shape
+        self._insert(Node(op, tuple(inputs), output, attributes, domain))
+        return output
+
+    def reshape(self, x: str, shape: tuple[int, ...]) -> str:
+        """Add a Reshape of `x`."""
+        return self.add("Reshape", [x, self.integers(*shape)], shape)
+
+    def slice(self, x: str, shape: Shape, axis: int, start: int, end: int, step: int = 1) -> str:
+        """Add a Slice of `x` that leaves `shape`."""
+        return self.add("Slice", [x, *(self.integers(value) for value in (start, end, axis, step))], shape)
+
+    @contextmanager
+    def before(self, node: Node) -> Iterator[None]:
+        """Nodes that are added meanwhile stand in front of `node`."""
+        kept, self._place = self._place, node
+        try:
+            yield
+        finally:
+            self._place = kept
+
+    def rewire(self, node: Node, inputs: Sequence[str]) -> None:
+        """Let `node` take other inputs."""
+        self._forget(node)
+        node.inputs = tuple(inputs)
+        self._index(node)
 
     def replace(self, old: str, new: str) -> None:
         """Let everything that takes `old` take `new`."""
-        for node in self.nodes:
-            node.inputs = [new if name == old else name for name in node.inputs]
+        for node in self.consumers(old):
+            self.rewire(node, [new if name == old else name for name in node.inputs])
         self.outputs = [new if name == old else name for name in self.outputs]
+
+    def rename(self, old: str, new: str) -> None:
+        """Give the output of a node another name."""
+        node = self._producers.pop(old)
+        node.output, self._producers[new] = new, node
+        self.shapes[new] = self.shapes.pop(old)
+        self.replace(old, new)
+
+    def supplant(self, node: Node, value: str) -> None:
+        """Drop `node`; `value` takes the name of its output, and with it its place."""
+        self._forget(node)
+        self._nodes.remove(node)
+        self.rename(value, node.output)
 
     def finish(self, value: str, name: str) -> None:
         """Make `value` the output `name`."""
-        for node in self.nodes:
-            node.output = name if node.output == value else node.output
-        self.shapes[name] = self.shapes.pop(value)
-        self.replace(value, name)
+        self.rename(value, name)
         self.outputs.append(name)
 
     def sweep(self) -> None:
         """Drop nodes and weights that no output needs."""
         needed, kept = set(self.outputs), []
-        for node in reversed(self.nodes):
+        for node in reversed(self._nodes):
             if node.output in needed:
                 kept.append(node)
                 needed.update(node.inputs)
-        self.nodes = kept[::-1]
+            else:
+                self._forget(node)
+        self._nodes = kept[::-1]
         self.weights = {name: weight for name, weight in self.weights.items() if name in needed}
 
+    def copy(self) -> "Graph":
+        """The same graph, to be changed by itself."""
+        other = self.without_nodes()
+        for node in self._nodes:
+            other._insert(replace(node))
+        other.outputs = list(self.outputs)
+        return other
 
-def to_model(graph: Graph, name: str = "image_net") -> onnx.ModelProto:
-    """The ONNX model of `graph`, called `name`; the same bytes for the same graph.
+    def without_nodes(self) -> "Graph":
+        """Its inputs, weights and shapes, to write other nodes between; no new name is one of this graph."""
+        other = Graph()
+        other.weights, other.shapes, other.inputs = dict(self.weights), dict(self.shapes), dict(self.inputs)
+        other._count = self._count
+        return other
 
-    Kernels that float16 holds without loss are stored so, each followed by the Cast (and the scale folded into it) that
-    a runtime computes once, when it loads the model; all arithmetic is float32.
-    """
-    nodes: list[onnx.NodeProto] = []
-    initialisers: list[TensorProto] = []
-    for key, weight in graph.weights.items():
-        half = _as_half(weight.values)
-        if half is not None:
-            initialisers.append(numpy_helper.from_array(half, f"{key}.half"))
-            scaled = weight.scale is not None
-            cast = f"{key}.cast" if scaled else key
-            nodes.append(helper.make_node("Cast", [f"{key}.half"], [cast], cast, to=TensorProto.FLOAT))
-            if weight.scale is not None:
-                scale = weight.scale.astype(np.float32)
-                initialisers.append(numpy_helper.from_array(scale, f"{key}.scale"))
-                nodes.append(helper.make_node("Mul", [cast, f"{key}.scale"], [key], key))
-        else:
-            initialisers.append(numpy_helper.from_array(weight.folded(), key))
-    for node in graph.nodes:
-        attributes = dict(sorted(node.attributes.items()))
-        nodes.append(
-            helper.make_node(node.op, node.inputs, [node.output], node.output, domain=node.domain or None, **attributes)
-        )
-    domains = sorted({node.domain for node in graph.nodes} - {""})
-    model = helper.make_model(
-        helper.make_graph(
-            nodes,
-            name,
-            list(_values(graph, graph.inputs)),
-            list(_values(graph, graph.outputs)),
-            initialisers,
-        ),
-        producer_name="lidar-mos",
-        opset_imports=[helper.make_opsetid("", OPSET), *(helper.make_opsetid(domain, 1) for domain in domains)],
-        ir_version=IR_VERSION,
-    )
-    onnx.checker.check_model(model, full_check=True)
-    return model
+    def _insert(self, node: Node) -> None:
+        at = len(self._nodes) if self._place is None else self._nodes.index(self._place)
+        self._nodes.insert(at, node)
+        self._index(node)
 
+    def _index(self, node: Node) -> None:
+        self._producers[node.output] = node
+        for name in node.inputs:
+            self._consumers.setdefault(name, {})[node] = None
 
-def _as_half(values: np.ndarray) -> np.ndarray | None:
-    """`values` as float16 if they are so already, or the kernel of a convolution that loses nothing."""
-    if values.dtype == np.float16:
-        return values
-    if values.ndim < 4 or values.dtype != np.float32:
-        return None
-    with np.errstate(over="ignore"):
-        half = values.astype(np.float16)
-    return half if np.array_equal(half, values) else None
-
-
-def _values(graph: Graph, names: list[str]) -> Iterator[onnx.ValueInfoProto]:
-    for name in names:
-        yield helper.make_tensor_value_info(name, graph.kinds.get(name, TensorProto.FLOAT), graph.shapes[name])
+    def _forget(self, node: Node) -> None:
+        del self._producers[node.output]
+        for name in node.inputs:
+            self._consumers[name].pop(node, None)

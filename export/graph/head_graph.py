@@ -7,11 +7,13 @@ scatters and every run adds in the same order. `runtime/head/onnx_engine.py` say
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from onnx import TensorProto
 
-from export.graph.graph import Graph, to_model
+from export.graph.graph import Graph, Shape
+from export.graph.serialise import onnx_bytes
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.head.onnx_engine import joins
 from runtime.head.weights import Layer, layers
@@ -23,15 +25,13 @@ Rows = str  # symbol of a number of rows: voxels0 (of stride 1), voxels1 (of str
 
 def head_bytes(weights: Mapping[str, np.ndarray], config: PointHeadConfig) -> bytes:
     """The ONNX model of a point head; `weights` as `export.bundle.write.head_arrays` gives them. Same bytes always."""
-    return to_model(_HeadGraph(weights, config).build(), "point_head").SerializeToString(deterministic=True)
+    return onnx_bytes(_HeadGraph(weights, config).build(), "point_head")
 
 
-def inputs(config: PointHeadConfig) -> dict[str, tuple[int, tuple[int | str, ...]]]:
+def inputs(config: PointHeadConfig) -> dict[str, tuple[int, Shape]]:
     """Element type and shape of every input; see `runtime.head.onnx_engine` for what they hold."""
     depth = len(config.down)
-    found: dict[str, tuple[int, tuple[int | str, ...]]] = {
-        "features": (TensorProto.FLOAT, ("voxels0", config.in_channels))
-    }
+    found: dict[str, tuple[int, Shape]] = {"features": (TensorProto.FLOAT, ("voxels0", config.in_channels))}
     for level in range(depth + 1):
         found[f"neighbours{level}"] = (TensorProto.INT32, (f"voxels{level}", 27))
     for level in range(depth):
@@ -52,8 +52,7 @@ class _HeadGraph:
         self.layers: dict[str, Layer] = {layer.name: layer for layer in layers(config)}
         self.known: dict[tuple[str, ...], Value] = {}  # values that several layers use
         for name, (kind, shape) in inputs(config).items():
-            self.graph.inputs.append(name)
-            self.graph.kinds[name], self.graph.shapes[name] = kind, shape
+            self.graph.input(name, shape, kind)
 
     def build(self) -> Graph:
         config, depth = self.config, len(self.config.down)
@@ -183,13 +182,13 @@ class _HeadGraph:
     def integers(self, *values: int) -> Value:
         key = ("integers", *map(str, values))
         if key not in self.known:
-            self.known[key] = self.graph.weight("integers", np.asarray(values, np.int64))
+            self.known[key] = self.graph.integers(*values)
         return self.known[key]
 
-    def add(self, op: str, names: list[Value], level: int, width: int, **attributes: int) -> Value:
+    def add(self, op: str, names: list[Value], level: int, width: int, **attributes: Any) -> Value:
         """A node whose output has a row for each voxel of a scale."""
         return self.graph.add(op, names, (f"voxels{level}", width), **attributes)
 
     def width(self, x: Value) -> int:
         """Channels of a value."""
-        return int(self.graph.shapes[x][1])
+        return self.graph.channels(x)

@@ -8,8 +8,9 @@ from torch import Tensor, nn
 
 from export.graph.blocked_forms import with_blocked_forms
 from export.graph.emitters import EMITTERS
-from export.graph.graph import Graph, to_model
+from export.graph.graph import Graph
 from export.graph.rewrite import fold_norms, trim_kernels
+from export.graph.serialise import onnx_bytes
 from export.graph.tracing import Tracer
 
 
@@ -35,7 +36,7 @@ def trace(network: nn.Module, shape: tuple[int, ...]) -> Graph:
     real = dict(_tensors(network))
     tracer = Tracer(EMITTERS)
     image = torch.empty(shape, device="meta")
-    tracer.graph.inputs.append(tracer.name(image, "image"))
+    tracer.input(image, "image")
     for key, tensor in _tensors(shadow):
         tracer.constants[id(tensor)] = (key, real[key].detach())
     with torch.no_grad(), tracer:
@@ -56,4 +57,4 @@ def image_bytes(network: nn.Module, shape: tuple[int, ...]) -> bytes:
     graph = trace(with_blocked_forms(Outputs(network)), shape)
     fold_norms(graph)
     trim_kernels(graph)
-    return to_model(graph).SerializeToString(deterministic=True)
+    return onnx_bytes(graph)

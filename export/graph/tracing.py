@@ -20,11 +20,11 @@ Emitter = Callable[..., str]  # of the tracer, the output's shape and the operat
 ALIASES = ("detach", "alias", "clone", "lift_fresh")
 
 
-class Tracer(TorchDispatchMode):
+class Tracer(TorchDispatchMode):  # type: ignore[no-untyped-call]
     """Records every operation on the values of one forward pass; `emitters` by the name of the ATen operation."""
 
     def __init__(self, emitters: Mapping[str, Emitter]) -> None:
-        super().__init__()
+        super().__init__()  # type: ignore[no-untyped-call]
         self.emitters = emitters
         self.graph = Graph()
         self.constants: dict[int, tuple[str, Tensor]] = {}  # name and data, by the id of the tensor without data
@@ -59,15 +59,16 @@ class Tracer(TorchDispatchMode):
             raise SettingError(f"the network uses {function}, which export/graph/emitters.py has no emitter for yet")
         return result
 
-    def name(self, tensor: Tensor, name: str | None = None) -> str:
+    def input(self, tensor: Tensor, name: str) -> None:
+        """Let a tensor be an input of the graph."""
+        self._names[id(tensor)] = self.graph.input(name, tuple(tensor.shape))
+        self._alive.append(tensor)
+
+    def name(self, tensor: Tensor) -> str:
         """The name of a value; a constant is stored in the graph when it is first named."""
         if id(tensor) not in self._names:
-            if id(tensor) in self.constants:
-                key, data = self.constants[id(tensor)]
-                self._names[id(tensor)] = self.graph.weight(key, data.float().numpy())
-            elif name is not None:
-                self._names[id(tensor)] = name
-                self.graph.shapes[name] = tuple(tensor.shape)
+            key, data = self.constants[id(tensor)]
+            self._names[id(tensor)] = self.graph.weight(key, data.float().numpy())
             self._alive.append(tensor)
         return self._names[id(tensor)]
 

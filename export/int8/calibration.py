@@ -1,11 +1,12 @@
 """What the values inside a network are on the calibration scans: what LeakyReLUs take, and ranges."""
 
-import copy
+import math
 from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from export.graph.graph import Graph, Node, to_model
+from export.graph.graph import Graph
+from export.graph.serialise import onnx_bytes
 from export.int8.integer_forms import expand_soft_pool
 from export.int8.shifts import Halves, leaky_convolutions
 from runtime.compute.sessions import open_session
@@ -17,7 +18,7 @@ SHRINK = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.22, 0.16, 0.12, 0.09, 0.06, 
 
 def halves_of(graph: Graph, images: Sequence[np.ndarray]) -> dict[str, Halves]:
     """What each LeakyRelu behind a convolution takes, by the name of its output."""
-    graph = _floating(graph)
+    graph = floating(graph)
     graph.outputs = []
     leaky = leaky_convolutions(graph)
     for node in leaky:
@@ -34,10 +35,10 @@ def halves_of(graph: Graph, images: Sequence[np.ndarray]) -> dict[str, Halves]:
     every = _run(graph, images)
     found = {}
     for i, node in enumerate(leaky):
-        means = (np.mean([results[5 * i + j] for results in every], axis=0, dtype=np.float64) for j in range(4))
-        above, above_square, below, below_square = means
-        lowest = np.max([results[5 * i + 4] for results in every], axis=0)
-        found[node.output] = Halves(above, above_square - above**2, below, below_square - below**2, lowest)
+        parts = [np.asarray([results[5 * i + j] for results in every]) for j in range(5)]  # each (images, C)
+        mean, mean_square, low, low_square = (part.mean(axis=0, dtype=np.float64) for part in parts[:4])
+        lowest = parts[4].max(axis=0)
+        found[node.output] = Halves(mean, mean_square - mean**2, low, low_square - low**2, lowest)
     return found
 
 
@@ -46,7 +47,7 @@ def find_widths(graph: Graph, names: Collection[str], images: Sequence[np.ndarra
 
     Measured: the range alone gives rare large values too much weight, the root mean square alone too little.
     """
-    graph = _floating(graph)
+    graph = floating(graph)
     names = sorted(names)
     graph.outputs = []
     for name in names:
@@ -65,16 +66,14 @@ def find_widths(graph: Graph, names: Collection[str], images: Sequence[np.ndarra
 
 def find_ranges(graph: Graph, names: Collection[str], images: Sequence[np.ndarray]) -> dict[str, tuple[float, float]]:
     """Range of each value, that of least error when it is cut into 255 steps."""
-    graph = _floating(graph)
+    graph = floating(graph)
     names = sorted(names)
     graph.outputs = []
     for name in names:
-        flat = graph.add("Reshape", [name, _integers(graph, [-1])], (int(np.prod(graph.shapes[name])),))
-        count = graph.shapes[flat][0]
+        count = math.prod(graph.sizes(name))
+        flat = graph.reshape(name, (count,))
         step = max(1, count // SAMPLES) | 1  # odd, so that it meets every column
-        shape = (-(-count // step),)
-        ends = [_integers(graph, [v]) for v in (0, count, 0, step)]
-        graph.outputs.append(graph.add("Slice", [flat, *ends], shape))
+        graph.outputs.append(graph.slice(flat, (-(-count // step),), 0, 0, count, step))
         for op in ("ReduceMin", "ReduceMax"):
             graph.outputs.append(graph.add(op, [flat], (), keepdims=0))
     samples: dict[str, list[np.ndarray]] = {name: [] for name in names}
@@ -107,19 +106,18 @@ def _error(values: np.ndarray, low: float, high: float) -> float:
     return float((error * np.sqrt(error)).mean())
 
 
-def _floating(graph: Graph) -> Graph:
+def floating(graph: Graph) -> Graph:
     """A copy of `graph` that ONNX knows all operations of."""
-    graph = copy.deepcopy(graph)
-    nodes, graph.nodes = graph.nodes, []
-    for node in nodes:
-        if node.op != "SoftPool":
-            graph.nodes.append(node)
-            continue
-        shape = graph.shapes[node.inputs[0]]
-        top = graph.add("ReduceMax", [node.inputs[0]], (1, 1, 1, 1), axes=[0, 1, 2, 3], keepdims=1)
-        below = graph.add("Sub", [node.inputs[0], top], shape)
-        pooled = expand_soft_pool(graph, below, shape, lambda part: part, np.inf, np.zeros(shape[1]))
-        graph.nodes.append(Node("Add", [pooled, top], node.output))
+    graph = graph.copy()
+    for node in graph.nodes:
+        if node.op == "SoftPool":
+            shape = graph.sizes(node.inputs[0])
+            with graph.before(node):
+                top = graph.add("ReduceMax", [node.inputs[0]], (1, 1, 1, 1), axes=[0, 1, 2, 3], keepdims=1)
+                below = graph.add("Sub", [node.inputs[0], top], shape)
+                pooled = expand_soft_pool(graph, below, shape, lambda part: part, np.inf, np.zeros(shape[1]))
+                result = graph.add("Add", [pooled, top], graph.shapes[node.output])
+            graph.supplant(node, result)
     return graph
 
 
@@ -128,11 +126,8 @@ def _by_channel(graph: Graph, op: str, name: str) -> None:
     graph.outputs.append(graph.add(op, [name], graph.shapes[name][1:2], axes=[0, 2, 3], keepdims=0))
 
 
-def _integers(graph: Graph, values: list[int]) -> str:
-    return graph.weight("integers", np.asarray(values, np.int64))
-
-
 def _run(graph: Graph, images: Sequence[np.ndarray]) -> list[list[np.ndarray]]:
     graph.sweep()
-    session = open_session(to_model(graph).SerializeToString(), threads=2)
-    return [session.run(graph.outputs, {graph.inputs[0]: image}) for image in images]
+    session = open_session(onnx_bytes(graph), threads=2)
+    (name,) = graph.inputs
+    return [session.run(graph.outputs, {name: image}) for image in images]

@@ -10,11 +10,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from export.graph.convolutions import bias_of, is_plain, scale_kernel
 from export.graph.graph import Graph, Node
-from export.graph.rewrite import bias_of, is_plain, scale_kernel
-from export.int8.shifts import shift_constant, shift_of
+from export.graph.operations import traits
+from export.int8.shifts import channel_constant, shift_of
 
-ALIKE = ("Relu", "LeakyRelu", "Resize", "AveragePool", "GlobalAveragePool", "Expand")  # a factor passes as it is
 FIXED = 0  # number of all channels that have to stay as they are
 LEAST = 1e-3  # part of the widest channel of a map that a channel counts for at least
 
@@ -32,7 +32,8 @@ def equalise(graph: Graph, widths: Mapping[str, np.ndarray]) -> None:
             ratio = after[:, None, None, None] / before[None, :, None, None]
             scale_kernel(graph, node, ratio, bias_of(graph, node) * after)
         elif (shift := shift_of(graph, node)) is not None:
-            node.inputs = [node.inputs[0], shift_constant(graph, shift * factors[numbers[node.output]])]
+            constant = channel_constant(graph, shift * factors[numbers[node.output]])
+            graph.rewire(node, [node.inputs[0], constant])
     graph.sweep()
 
 
@@ -74,21 +75,21 @@ class _Ties:
             for name in maps:
                 self._fix(self.numbers[name])
         if len(self.graph.shapes[node.output]) == 4:
-            self.numbers[node.output] = np.zeros(self._channels(node.output), int) if found is None else found
+            self.numbers[node.output] = np.zeros(self.graph.channels(node.output), int) if found is None else found
 
     def found(self) -> dict[str, np.ndarray]:
         """The numbers, the same for tied channels; results and inputs of the graph stay as they are."""
         for name in self.numbers.keys() & set(self.graph.outputs):
             self._fix(self.numbers[name])
         roots = np.asarray([self._root(number) for number in range(len(self.parent))])
-        inputs = {name: np.zeros(self._channels(name), int) for name in self.graph.inputs}
+        inputs = {name: np.zeros(self.graph.channels(name), int) for name in self.graph.inputs}
         return inputs | {name: roots[numbers] for name, numbers in self.numbers.items()}
 
     def _numbers(self, node: Node, maps: list[str]) -> np.ndarray | None:
         """Those of the channels of its output; None where nothing may change."""
         given = [self.numbers[name] for name in maps]
         if is_plain(node):
-            numbers = len(self.parent) + np.arange(self._channels(node.output))
+            numbers = len(self.parent) + np.arange(self.graph.channels(node.output))
             self.parent.extend(numbers.tolist())
             return numbers
         if len(given) == 1 and self._passes(node):
@@ -102,16 +103,19 @@ class _Ties:
             return given[0]
         if node.op == "Mul" and len(given) == 2:
             gate, gated = sorted(given, key=lambda numbers: any(self._root(n) != FIXED for n in numbers.tolist()))
-            if len(gated) == self._channels(node.output):
+            if len(gated) == self.graph.channels(node.output):
                 self._fix(gate)
                 return gated
         return None
 
     def _passes(self, node: Node) -> bool:
-        if node.op in ("Slice", "Pad"):
-            return self._channels(node.inputs[0]) == self._channels(node.output)
-        constant = len(node.inputs) == 2 and node.inputs[1] in self.graph.weights
-        return node.op in ALIKE or shift_of(self.graph, node) is not None or (node.op == "Mul" and constant)
+        """Whether a factor of each channel of its one map can stand behind the node instead of before it."""
+        if shift_of(self.graph, node) is not None:
+            return True
+        if node.op == "Mul":
+            return node.inputs[1] in self.graph.weights
+        x, y = node.inputs[0], node.output
+        return traits(node).passes_factor and self.graph.channels(x) == self.graph.channels(y)
 
     def _shuffled(self, node: Node, numbers: np.ndarray) -> np.ndarray:
         """The channels that become one after a pixel shuffle are tied."""
@@ -121,9 +125,6 @@ class _Ties:
         for i in range(1, size):
             self._tie(groups[:, 0], groups[:, i])
         return groups[:, 0]
-
-    def _channels(self, name: str) -> int:
-        return int(self.graph.shapes[name][1])
 
     def _fix(self, numbers: np.ndarray) -> None:
         self._tie(numbers, np.full_like(numbers, FIXED))

@@ -3,7 +3,6 @@
 SoftPool stays one node until the graph is quantised: what it needs of exponents then depends on the integers.
 """
 
-import copy
 from collections.abc import Callable
 
 import numpy as np
@@ -11,7 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from export.graph.blocked_forms import NEIGHBOURS, BlockedMetaKernel
+from export.graph.blocked_forms import NEIGHBOURS, BlockedMetaKernel, with_forms
 from export.graph.emitters import emits
 from export.graph.graph import Graph
 from export.graph.tracing import Tracer
@@ -23,7 +22,8 @@ LARGEST_EXPONENT = 80.0  # exp(-80) is still a normal float32
 @torch.library.custom_op("lidar_mos::soft_pool", mutates_args=())
 def soft_pool(x: Tensor) -> Tensor:
     """`mos_model.networks.blocks.SoftPool` as one operation, for the tracer."""
-    return SoftPool()(x)
+    pooled: Tensor = SoftPool()(x)
+    return pooled
 
 
 @soft_pool.register_fake
@@ -41,18 +41,21 @@ class IntegerSoftPool(nn.Module):
     """SoftPool (paper, Sec. III-C) as one node."""
 
     def forward(self, x: Tensor) -> Tensor:
-        return soft_pool(x)
+        pooled: Tensor = soft_pool(x)
+        return pooled
 
 
 class IntegerMetaKernel(BlockedMetaKernel):
     """MetaKernel (paper, Sec. III-A): products side by side, four at a time, so that a convolution sums them up."""
+
+    joined: Tensor  # (2, c, 4c, 1, 1)
 
     def __init__(self, block: MetaKernel) -> None:
         super().__init__(block)
         weight = block.conv1x1.weight.detach()  # (c, 9c, 1, 1), input channel = channel * 9 + j
         self.halves = (NEIGHBOURS[:4], NEIGHBOURS[4:])  # eight products side by side would not fit the cache
         kernels = [torch.cat([weight[:, j::9] for j in half], 1) for half in self.halves]
-        self.register_buffer("joined", torch.stack(kernels))  # (2, c, 4c, 1, 1)
+        self.register_buffer("joined", torch.stack(kernels))
 
     def forward(self, x: Tensor, features: Tensor) -> Tensor:
         height, width = x.shape[-2:]
@@ -67,14 +70,7 @@ class IntegerMetaKernel(BlockedMetaKernel):
 
 def with_integer_forms(network: nn.Module) -> nn.Module:
     """A copy of `network` with each SoftPool and MetaKernel in its form for an integer graph."""
-    network = copy.deepcopy(network)
-    for module in list(network.modules()):
-        for name, child in module.named_children():
-            if isinstance(child, SoftPool):
-                setattr(module, name, IntegerSoftPool())
-            elif isinstance(child, MetaKernel):
-                setattr(module, name, IntegerMetaKernel(child))
-    return network
+    return with_forms(network, IntegerSoftPool, IntegerMetaKernel)
 
 
 def expand_soft_pool(
@@ -90,28 +86,23 @@ def expand_soft_pool(
     """
     _, c, h, w = shape
     x = graph.add("Transpose", [x], (1, h, w, c), perm=[0, 2, 3, 1])
-    x = _reshaped(graph, x, (h * w // 2, 2, c))
+    x = graph.reshape(x, (h * w // 2, 2, c))
     sums: list[str] = []
     for side in (0, 1):
-        ends = [graph.weight("integers", np.asarray([v], np.int64)) for v in (side, side + 1, 1, 1)]
-        part = graph.add("Slice", [x, *ends], (h * w // 2, 1, c))
-        value = _reshaped(graph, real(part), (h // 2, 2, w // 2 * c))
+        part = graph.slice(x, (h * w // 2, 1, c), 1, side, side + 1)
+        value = graph.reshape(real(part), (h // 2, 2, w // 2 * c))
         limited = value
         if span > LARGEST_EXPONENT:
-            low = graph.weight("limit", np.asarray(-LARGEST_EXPONENT, np.float32))
+            low = graph.weight("limit", np.asarray([-LARGEST_EXPONENT]))
             limited = graph.add("Max", [value, low], graph.shapes[value])
         e = graph.add("Exp", [limited], graph.shapes[value])
         both = [graph.add("Mul", [value, e], graph.shapes[value]), e]
         sums = [graph.add("Add", [s, t], graph.shapes[e]) for s, t in zip(sums, both, strict=True)] if sums else both
     rows = (h // 2, w // 2 * c)
-    axes = [graph.weight("integers", np.asarray([1], np.int64)) for _ in sums]
+    axes = [graph.integers(1) for _ in sums]
     totals = [graph.add("ReduceSum", [s, axis], rows, keepdims=0) for s, axis in zip(sums, axes, strict=True)]
-    quotient = _reshaped(graph, graph.add("Div", totals, rows), (1, h // 2, w // 2, c))
+    quotient = graph.reshape(graph.add("Div", totals, rows), (1, h // 2, w // 2, c))
     if offset.any():
-        tiled = np.tile(np.float32(offset), (1, 1, w // 2, 1))
+        tiled = np.tile(offset, (1, 1, w // 2, 1))
         quotient = graph.add("Add", [quotient, graph.weight("shift", tiled)], (1, h // 2, w // 2, c))
     return graph.add("Transpose", [quotient], (1, c, h // 2, w // 2), perm=[0, 3, 1, 2])
-
-
-def _reshaped(graph: Graph, x: str, shape: tuple[int, ...]) -> str:
-    return graph.add("Reshape", [x, graph.weight("integers", np.asarray(shape, np.int64))], shape)

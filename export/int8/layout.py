@@ -2,31 +2,29 @@
 
 import numpy as np
 
+from export.graph.convolutions import bias_of, is_plain, kernel_of, set_convolution
 from export.graph.graph import Graph, Node
-from export.graph.rewrite import bias_of, is_plain, set_convolution
-
-PASSING = ("Relu", "LeakyRelu")
+from export.graph.operations import traits
 
 
 def means_to_pools(graph: Graph) -> None:
     """Let means over whole maps be pools, which there are for integers."""
     for node in graph.nodes:
         if node.op == "ReduceMean" and node.attributes.get("axes") == [2, 3] and node.attributes.get("keepdims"):
-            node.op, node.attributes = "GlobalAveragePool", {}
+            with graph.before(node):
+                pool = graph.add("GlobalAveragePool", node.inputs, graph.shapes[node.output])
+            graph.supplant(node, pool)
 
 
 def spread_factors(graph: Graph) -> None:
     """Repeat a factor (1, C, 1, 1) over a row before it meets a map: met pixel by pixel it takes four times as long."""
-    for node in list(graph.nodes):
-        if node.op != "Mul" or len(graph.shapes[node.output]) != 4 or node.inputs[1] in graph.weights:
-            continue
-        channels, width = graph.shapes[node.output][1], graph.shapes[node.output][3]
-        if graph.shapes[node.inputs[1]] == (1, channels, 1, 1) and width != 1:
+    for node in _products(graph):
+        _, channels, _, width = graph.sizes(node.output)
+        if graph.shapes.get(node.inputs[1]) == (1, channels, 1, 1) and width != 1:
             shape = (1, channels, 1, width)
-            row = graph.new_name("expand", shape)
-            size = graph.weight("integers", np.asarray(shape, np.int64))
-            graph.nodes.insert(graph.nodes.index(node), Node("Expand", [node.inputs[1], size], row))
-            node.inputs = [node.inputs[0], row]
+            with graph.before(node):
+                row = graph.add("Expand", [node.inputs[1], graph.integers(*shape)], shape)
+            graph.rewire(node, [node.inputs[0], row])
 
 
 def spread_gates(graph: Graph) -> None:
@@ -34,30 +32,33 @@ def spread_gates(graph: Graph) -> None:
 
     Met by its (1, C, H, W) a gate (1, 1, H, W) takes ten times as long as one of the same shape.
     """
-    for node in list(graph.nodes):
-        if node.op != "Mul" or len(graph.shapes[node.output]) != 4:
-            continue
-        channels = graph.shapes[node.output][1]
+    for node in _products(graph):
+        channels = graph.channels(node.output)
         for name in node.inputs:
             way = _way_to_gate(graph, name)
             if way and channels != 1:
-                conv, count = way[-1], int(channels)
-                kernel = graph.weights[conv.inputs[1]].folded()
-                set_convolution(graph, conv, kernel.repeat(count, axis=0), bias_of(graph, conv).repeat(count))
+                conv = way[-1]
+                kernel, bias = kernel_of(graph, conv), bias_of(graph, conv)
+                set_convolution(graph, conv, kernel.repeat(channels, axis=0), bias.repeat(channels))
                 for step in way:
                     graph.shapes[step.output] = (1, channels, *graph.shapes[step.output][2:])
+
+
+def _products(graph: Graph) -> list[Node]:
+    """The nodes that multiply maps (1, C, H, W)."""
+    return [node for node in graph.nodes if node.op == "Mul" and len(graph.shapes[node.output]) == 4]
 
 
 def _way_to_gate(graph: Graph, name: str) -> list[Node]:
     """The nodes from a map of one channel back to the convolution that made it, if nothing else reads them."""
     way: list[Node] = []
-    while (node := graph.producer(name)) is not None and len(graph.consumers(name)) == 1 and name not in graph.outputs:
+    while (node := graph.producer(name)) is not None and graph.only_consumer(name) is not None:
         if graph.shapes[name][1:2] != (1,) or graph.shapes[name][2:] == (1, 1):
             return []
         way.append(node)
         if node.op == "Conv":
             return way
-        if node.op != "Sigmoid":
+        if not traits(node).elementwise:
             return []
         name = node.inputs[0]
     return []
@@ -69,51 +70,41 @@ def shuffle_blocks(graph: Graph) -> None:
     The channels that become one pixel lie c apart in torch's order; the convolutions before are put in the order in
     which they lie together. Shuffles that other nodes look into stay as they are.
     """
-    for node in list(graph.nodes):
+    for node in graph.nodes:
         if node.op != "DepthToSpace" or node.attributes["mode"] != "CRD":
             continue
-        channels = graph.shapes[node.inputs[0]][1]
-        size = node.attributes["blocksize"]
-        c = channels // size**2
-        order = np.arange(channels).reshape(c, size * size).T.reshape(-1)
-        way = _way_back(graph, node.inputs[0]) if len(graph.consumers(node.inputs[0])) == 1 else None
-        if way is None:
+        makers = _makers(graph, node.inputs[0])
+        if makers is None:
             continue
-        for maker in _with_weights(graph, way):
+        channels, size = graph.channels(node.inputs[0]), node.attributes["blocksize"] ** 2
+        order = np.arange(channels).reshape(channels // size, size).T.reshape(-1)
+        for maker in makers:
             _reorder(graph, maker, order)
         node.attributes = node.attributes | {"mode": "DCR"}
     graph.sweep()
 
 
-def _way_back(graph: Graph, name: str) -> list[Node] | None:
-    """The nodes from the convolutions that made `name` on; None where something else takes a value on the way."""
+def _makers(graph: Graph, name: str) -> list[Node] | None:
+    """The nodes with weights of each channel of `name`, back to convolutions; None where others take what they make."""
     node = graph.producer(name)
-    if node is None or name in graph.outputs:
+    if node is None or graph.only_consumer(name) is None:
         return None
     if is_plain(node):
         return [node]
-    constant = node.op == "Add" and node.inputs[1] in graph.weights
-    if not constant and node.op not in (*PASSING, "Add"):
+    weighted = node.op == "Add" and node.inputs[1] in graph.weights
+    if node.op != "Add" and not traits(node).elementwise:
         return None
-    parts = node.inputs[:2] if node.op == "Add" and not constant else node.inputs[:1]
-    way: list[Node] = []
-    for part in parts:
-        before = _way_back(graph, part) if len(graph.consumers(part)) == 1 else None
-        if before is None:
+    found = [node] if weighted else []
+    for part in node.inputs[:1] if weighted or node.op != "Add" else node.inputs:
+        makers = _makers(graph, part)
+        if makers is None:
             return None
-        way += before
-    return [*way, node]
-
-
-def _with_weights(graph: Graph, nodes: list[Node]) -> list[Node]:
-    """Those with weights for every channel: convolutions, and sums with a constant."""
-    return [n for n in nodes if n.op == "Conv" or (n.op == "Add" and n.inputs[1] in graph.weights)]
+        found += makers
+    return found
 
 
 def _reorder(graph: Graph, node: Node, order: np.ndarray) -> None:
-    names = node.inputs[1:]
+    """Put the weights of the channels that a node makes in another order."""
     axis = 0 if node.op == "Conv" else 1
-    node.inputs = [node.inputs[0]]
-    for name in names:
-        values = graph.weights[name].folded().take(order, axis=axis)
-        node.inputs.append(graph.weight(name, values))
+    orders = ((name, graph.weights[name].folded().take(order, axis=axis)) for name in node.inputs[1:])
+    graph.rewire(node, [node.inputs[0], *(graph.weight(name, values) for name, values in orders)])

@@ -1,145 +1,15 @@
-"""The integer graph: Quantize and Dequantize pairs around what ONNX Runtime then computes in eight bits.
-
-Activations are uint8 with a scale and a zero point of the whole map; kernels int8 with a scale for every output
-channel, of 7 bits: |u8 * s7 + u8 * s7| <= 2 * 255 * 64 = 32,640 fits the 16-bit sums of processors without VNNI.
-"""
+"""The integer graph: Quantize and Dequantize pairs around what ONNX Runtime then computes in eight bits."""
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
+from export.graph.convolutions import bias_of, kernel_of
 from export.graph.graph import Graph, Node
-from export.graph.rewrite import bias_of, is_plain
+from export.graph.operations import traits
 from export.int8.integer_forms import expand_soft_pool
+from export.int8.integers import LARGEST, Params, clipped, integer_values, kernel_integers, parameters
 from export.int8.shifts import shift_of
-
-LARGEST = 64  # of a kernel's integers
-LARGEST_SHARE = 4  # times as wide may a range be that a part of a concatenation shares: it keeps 6 of its 8 bits
-BINARY = ("Add", "Mul", "Concat")  # in integers where one of their inputs is
-UNARY = ("Relu", "LeakyRelu", "Sigmoid", "GlobalAveragePool")  # in integers where their input is
-MOVING = ("Slice", "Pad", "DepthToSpace", "Resize", "Reshape", "Transpose")  # integers move as they are
-RAW = ("Slice", "Clip", "Reshape", "Transpose")  # leave the raw input raw
-
-
-@dataclass(frozen=True)
-class Params:
-    """real = (integer - zero) * scale."""
-
-    scale: float
-    zero: int
-
-    @classmethod
-    def of(cls, low: float, high: float) -> "Params":
-        """uint8 for values in low..high; zero is met exactly."""
-        low, high = min(low, 0.0), max(high, 0.0)
-        scale = float(np.float32(max(high - low, 1e-6) / 255))
-        return cls(scale, round(-low / scale))
-
-    def to_integers(self, values: np.ndarray) -> np.ndarray:
-        """Nearest integers, clipped."""
-        return np.clip(np.rint(values / self.scale) + self.zero, 0, 255).astype(np.uint8)
-
-
-def kernel_integers(kernel: np.ndarray, largest: int = LARGEST) -> tuple[np.ndarray, np.ndarray]:
-    """Integers -largest..largest (O, I, kh, kw) int8, and the scale (O,) f32 of every output channel."""
-    peak = np.abs(kernel).reshape(len(kernel), -1).max(1)
-    scale = np.float32(np.maximum(peak, 1e-8) / largest)
-    return np.clip(np.rint(kernel / scale[:, None, None, None]), -largest, largest).astype(np.int8), scale
-
-
-def last_convolutions(graph: Graph) -> set[str]:
-    """Outputs of the convolutions behind which no other leads to a result, features aside: they make the logits."""
-    final, last = set(graph.outputs) - {"features"}, set()
-    for node in reversed(graph.nodes):
-        if node.output in final and node.op == "Conv":
-            last.add(node.output)
-        elif node.output in final:
-            final.update(node.inputs)
-    return last
-
-
-def layers(graph: Graph) -> list[str]:
-    """Convolutions that may compute in integers, by the name of their output: neither first, last nor of one pixel."""
-    raw = set(graph.inputs)
-    for node in graph.nodes:
-        if node.op in RAW and node.inputs[0] in raw:
-            raw.add(node.output)
-    last = last_convolutions(graph)
-    return [
-        node.output
-        for node in graph.nodes
-        if is_plain(node)
-        and node.inputs[0] not in raw
-        and node.output not in last
-        and graph.shapes[node.output][2:] != (1, 1)
-    ]
-
-
-def integer_values(graph: Graph, convolutions: Collection[str]) -> dict[str, bool]:
-    """Values that exist as integers: computed so (True), or quantised because something in integers takes them."""
-    found: dict[str, bool] = {}
-    for node in graph.nodes:
-        given = [name for name in node.inputs if name and name not in graph.weights]
-        known = [name for name in given if found.get(name)]
-        if node.op == "Conv":
-            chosen = node.output in convolutions
-        elif node.op == "Relu":
-            chosen = bool(known) and len(graph.consumers(given[0])) == 1 and _clips(graph, given[0])
-        else:
-            chosen = bool(known) and node.op in (*BINARY, *UNARY, *MOVING)
-        if chosen:
-            found[node.output] = True
-            for name in given:
-                found.setdefault(name, False)
-        elif node.op == "SoftPool":
-            found.setdefault(given[0], False)
-    for node in reversed(graph.nodes):  # what only float operations take is cheaper in float
-        late = shift_of(graph, node) is not None or node.op == "Resize"
-        if found.get(node.output) and late and not any(found.get(t.output) for t in graph.consumers(node.output)):
-            del found[node.output]
-    return found
-
-
-def _clips(graph: Graph, name: str) -> bool:
-    """Whether the integers of a ReLU behind `name` come from an operation that clips them itself."""
-    producer = graph.producer(name)
-    return producer is not None and producer.op in ("Conv", "Add")
-
-
-def roots(graph: Graph, values: Mapping[str, bool]) -> dict[str, str]:
-    """The value whose integers each value has: its own, what was moved to make it, or the ReLU that clips it."""
-    found: dict[str, str] = {}
-    for name in values:
-        origin = name
-        while (node := graph.producer(origin)) is not None and node.op in MOVING and values.get(origin):
-            origin = node.inputs[0]
-        found[name] = origin
-    return found | clipped(graph, values)
-
-
-def clipped(graph: Graph, values: Mapping[str, bool]) -> dict[str, str]:
-    """Results that a ReLU clips, and what it makes of them: their integers end at its zero point, 0."""
-    return {node.inputs[0]: node.output for node in graph.nodes if node.op == "Relu" and values.get(node.output)}
-
-
-def parameters(
-    graph: Graph, values: Mapping[str, bool], ranges: Mapping[str, tuple[float, float]]
-) -> dict[str, Params]:
-    """Scale and zero point of every value; parts of a concatenation share them unless one were left with few steps.
-
-    Nor where a ReLU's integers are clipped at a zero point of 0 and another part reaches below zero.
-    """
-    origin, rectified = roots(graph, values), set(clipped(graph, values).values())
-    own = {name: ranges[origin[name]] for name in values}
-    for node in graph.nodes:
-        if node.op == "Concat" and values.get(node.output):
-            names = {node.output, *(origin[name] for name in node.inputs)}
-            low, high = min(own[name][0] for name in names), max(own[name][1] for name in names)
-            possible = low == 0 or not names & rectified
-            if possible and all(high - low <= LARGEST_SHARE * (own[name][1] - own[name][0]) for name in names):
-                own.update(dict.fromkeys(names, (low, high)))
-    return {name: Params.of(*own[origin[name]]) for name in values}
 
 
 def quantised(
@@ -159,9 +29,7 @@ class _Writer:
     def __init__(self, graph: Graph, values: Mapping[str, bool], params: Mapping[str, Params], largest: int) -> None:
         self.old, self.values, self.params, self.largest = graph, values, params, largest
         self.clipped = clipped(graph, values)
-        self.new = Graph(
-            weights=dict(graph.weights), shapes=dict(graph.shapes), inputs=list(graph.inputs), _count=graph._count
-        )
+        self.new = graph.without_nodes()
         self.real: dict[str, str] = {}  # the dequantised value, by the name in the old graph
         self.integers: dict[str, str] = {}
 
@@ -172,30 +40,24 @@ class _Writer:
                 continue
             if node.op == "SoftPool":
                 skip |= self._soft_pool(node)
-            elif node.op in MOVING and self.values.get(node.output):
+            elif traits(node).moves and self.values.get(node.output):
                 self._move(node)
             elif node.op == "Relu" and self.values.get(node.output):
                 self._quantise(node.output, node.inputs[0])
             else:
                 self._copy(node)
-        self.new.outputs = list(self.old.outputs)
         for name in self.old.outputs:
-            self._keep_name(name)
+            self._finish(name)
         self.new.sweep()
         return self.new
 
-    def _keep_name(self, output: str) -> None:
-        """Let an output that is computed in integers be the dequantised value under its old name."""
-        if not self.values.get(output):
-            return
-        for node in self.new.nodes:
-            if node.output == output:
-                node.output = f"{output}.exact"
-            node.inputs = [f"{output}.exact" if name == output else name for name in node.inputs]
-        shown = self.new.producer(self.real[output])
-        assert shown is not None
-        self.new.replace(shown.output, output)
-        shown.output = output
+    def _finish(self, name: str) -> None:
+        """Make an output of its value; where that is computed in integers, of what they are worth."""
+        if self.values.get(name):
+            if self.new.producer(name) is not None:
+                self.new.rename(name, f"{name}.exact")
+            self.new.rename(self.real[name], name)
+        self.new.outputs.append(name)
 
     def _copy(self, node: Node) -> None:
         whole = self.values.get(node.output, False)
@@ -203,7 +65,7 @@ class _Writer:
             inputs = [self._taken(node.inputs[0], True, node), *self._kernel(node)]
         else:
             inputs = [self._taken(name, whole, node) for name in node.inputs]
-        self.new.nodes.append(Node(node.op, inputs, node.output, node.attributes))
+        self.new.add(node.op, inputs, self.old.shapes[node.output], output=node.output, **node.attributes)
         if node.output in self.values and node.output not in self.clipped:
             self._quantise(node.output, node.output)
 
@@ -226,14 +88,14 @@ class _Writer:
         self.real[name] = self.new.add("DequantizeLinear", [whole, *self._scale(self.params[name])], shape)
 
     def _scale(self, params: Params) -> list[str]:
-        scale = self.new.number("scale", np.float32(params.scale))
-        return [scale, self.new.number("zero", np.uint8(params.zero))]
+        scale = self.new.weight("scale", np.float32(params.scale))
+        return [scale, self.new.weight("zero", np.uint8(params.zero))]
 
     def _move(self, node: Node) -> None:
         """Move integers as they are; what a Pad adds is the integer of zero."""
         rest = list(node.inputs[1:])
         if node.op == "Pad":
-            rest[1] = self.new.number("fill", np.uint8(self.params[node.output].zero))
+            rest[1] = self.new.weight("fill", np.uint8(self.params[node.output].zero))
         inputs = [self.integers[node.inputs[0]], *rest]
         self._know(node.output, self.new.add(node.op, inputs, self.old.shapes[node.output], **node.attributes))
 
@@ -243,14 +105,13 @@ class _Writer:
         params = Params.of(float(values.min()), float(values.max()))
         whole = self.new.weight(f"{name}.integers", params.to_integers(values))
         shape = (*values.shape[:3], width)
-        size = self.new.weight("integers", np.asarray(shape, np.int64))
-        whole = self.new.add("Expand", [whole, size], shape)
+        whole = self.new.add("Expand", [whole, self.new.integers(*shape)], shape)
         return self.new.add("DequantizeLinear", [whole, *self._scale(params)], shape)
 
     def _kernel(self, node: Node) -> Iterator[str]:
         """Kernel and bias of a convolution; the bias in steps of what one unit of the sum is worth."""
-        integers, scale = kernel_integers(self.old.weights[node.inputs[1]].folded(), self.largest)
-        step = np.float32(scale * self.params[node.inputs[0]].scale)
+        integers, scale = kernel_integers(kernel_of(self.old, node), self.largest)
+        step = scale * np.float32(self.params[node.inputs[0]].scale)
         bias = np.clip(np.rint(bias_of(self.old, node) / step), -(2**31), 2**31 - 1).astype(np.int32)
         for values, steps, zero in ((integers, scale, np.int8), (bias, step, np.int32)):
             names = [
@@ -266,8 +127,7 @@ class _Writer:
         Returns the names of nodes that are done with it.
         """
         name = node.inputs[0]
-        params = self.params[name]
-        shape = self.old.shapes[name]
+        params, shape = self.params[name], self.old.sizes(name)
         scale = self._scale(Params(params.scale, 255))
         offset = np.full(shape[1], (255 - params.zero) * params.scale)
 
@@ -281,9 +141,7 @@ class _Writer:
         if shifted is not None and extra is not None:
             offset, result = offset + extra, shifted.output
         pooled = expand_soft_pool(self.new, self.integers[name], shape, real, 255 * params.scale, offset)
-        last = self.new.producer(pooled)
-        assert last is not None
-        last.output = result
+        self.new.rename(pooled, result)
         if result in self.values:
             self._quantise(result, result)
         return {result}

@@ -7,15 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from torch import nn
 
-from export.graph.graph import Graph, to_model
+from export.graph.convolutions import bias_of, set_bias
+from export.graph.graph import Graph
 from export.graph.image_graph import trace
-from export.graph.rewrite import bias_of, fold_norms, set_bias, trim_kernels
+from export.graph.rewrite import fold_norms, trim_kernels
+from export.graph.serialise import onnx_bytes
 from export.int8.calibration import find_ranges, find_widths, halves_of
 from export.int8.channels_last import integer_operations
 from export.int8.equalise import equalise
 from export.int8.integer_forms import with_integer_forms
+from export.int8.integers import LARGEST, clipped, integer_values, last_convolutions, layers, roots
 from export.int8.layout import means_to_pools, shuffle_blocks, spread_factors, spread_gates
-from export.int8.pairs import LARGEST, clipped, integer_values, last_convolutions, layers, quantised, roots
+from export.int8.pairs import quantised
 from export.int8.shifts import carry_shifts, to_relu
 from runtime.classes import CLASSES
 
@@ -41,7 +44,7 @@ class Prepared:
                 bias = bias_of(graph, node)
                 bias[-(len(bias) // len(CLASSES)) :] += moving  # the channels of a class lie together
                 set_bias(graph, node, bias)
-        return to_model(integer_operations(graph)).SerializeToString(deterministic=True)
+        return onnx_bytes(integer_operations(graph))
 
 
 def prepare(network: nn.Module, shape: tuple[int, ...], images: Sequence[np.ndarray]) -> Prepared:

@@ -10,8 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from export.graph.convolutions import bias_of, bias_with, is_unpadded, scale_kernel, set_bias
 from export.graph.graph import Graph, Node
-from export.graph.rewrite import bias_of, is_unpadded, only_consumer, scale_kernel, set_bias
+from export.graph.operations import traits
+from export.graph.rewrite import scale_and_shift
 
 
 class Halves(NamedTuple):
@@ -47,28 +49,23 @@ def to_relu(graph: Graph, halves: Mapping[str, Halves]) -> None:
         assert conv is not None
         followers = graph.consumers(node.output)
         norm = followers[0] if len(followers) == 1 and followers[0].op == "BatchNormalization" else None
-        scale, shift = np.ones(graph.shapes[conv.output][1]), np.zeros(graph.shapes[conv.output][1])
+        scale, shift = np.ones(graph.channels(conv.output)), np.zeros(graph.channels(conv.output))
         if norm is not None:
-            scale, shift = (graph.weights[name].values.astype(np.float64) for name in norm.inputs[1:3])
+            scale, shift = scale_and_shift(graph, norm)
         slope, half = node.attributes["alpha"], halves[node.output]
         straight = (1 - slope) ** 2 * half.above_variance < slope**2 * half.below_variance
         size = np.abs(scale) * np.where(straight, slope, 1)
         raised = np.where(straight, size * half.lowest, 0)
         scale_kernel(graph, conv, size[:, None, None, None], bias_of(graph, conv) * size + raised)
-        last = norm or node
-        result = graph.new_name("relu", graph.shapes[last.output])
-        tail = [Node("Relu", [conv.output], result)]
-        if (scale < 0).any():
-            signed = graph.new_name("sign", graph.shapes[last.output])
-            tail.append(Node("Mul", [result, shift_constant(graph, np.sign(scale))], signed))
-            result = signed
         dropped = np.where(straight, (1 - slope) * half.above, -slope * half.below)
         shift = shift + scale * dropped - np.sign(scale) * raised
-        tail.append(Node("Add", [result, shift_constant(graph, shift)], last.output))
-        at = graph.nodes.index(node)
-        graph.nodes[at : at + 1] = tail
-        if norm is not None:
-            graph.nodes.remove(norm)
+        shape = graph.shapes[conv.output]
+        with graph.before(node):
+            result = graph.add("Relu", [conv.output], shape)
+            if (scale < 0).any():
+                result = graph.add("Mul", [result, channel_constant(graph, np.sign(scale))], shape)
+            result = graph.add("Add", [result, channel_constant(graph, shift)], shape)
+        graph.supplant(norm or node, result)
     graph.sweep()
 
 
@@ -77,9 +74,7 @@ def carry_shifts(graph: Graph) -> None:
 
     In front of a convolution that pads with zeros it stays: beyond the border there is no shift.
     """
-    moved = True
-    while moved:
-        moved = any(_carry(graph, node) for node in list(graph.nodes) if shift_of(graph, node) is not None)
+    while any(_carry(graph, node) for node in graph.nodes):
         graph.sweep()
 
 
@@ -91,64 +86,65 @@ def shift_of(graph: Graph, node: Node) -> np.ndarray | None:
     return values.reshape(-1).astype(np.float64) if values.ndim == 4 and values.shape[2:] == (1, 1) else None
 
 
+def channel_constant(graph: Graph, values: np.ndarray) -> str:
+    """Store a number for every channel (C,) as what a node adds or multiplies; its name."""
+    return graph.weight("shift", values[None, :, None, None])
+
+
 def _carry(graph: Graph, node: Node) -> bool:
+    """Move what a node adds behind those that take its sum, as far as that is possible; whether it was."""
     shift = shift_of(graph, node)
-    assert shift is not None
+    if shift is None:
+        return False
     before, after = node.inputs[0], node.output
-    consumers = graph.consumers(after)
     if not shift.any():
         if after in graph.outputs:
             return False
         graph.replace(after, before)
         return True
+    consumers = graph.consumers(after)
     free = [consumer for consumer in consumers if _absorbs(graph, consumer)]
-    if after not in graph.outputs and all(_carriable(graph, c) for c in consumers):
-        free = consumers
+    if after not in graph.outputs and all(_passes(graph, consumer) for consumer in consumers):
+        free = list(consumers)
     for consumer in free:
-        _pass(graph, consumer, before, after, shift)
+        _move_behind(graph, consumer, before, after, shift)
     return bool(free)
 
 
 def _absorbs(graph: Graph, node: Node) -> bool:
     """Whether the shift disappears in a bias, behind a concatenation perhaps."""
-    after = only_consumer(graph, node.output) if node.op == "Concat" else node
+    after = graph.only_consumer(node.output) if node.op == "Concat" else node
     return after is not None and is_unpadded(after)
 
 
-def _carriable(graph: Graph, node: Node) -> bool:
+def _passes(graph: Graph, node: Node) -> bool:
     """Whether a shift of every channel can stand behind `node` (or in its bias) instead of before it."""
     if is_unpadded(node):
         return True
     if node.op == "Mul":
         return node.inputs[1] in graph.weights
-    if node.op == "AveragePool":
-        return not any(node.attributes["pads"])
-    return node.op in ("Add", "Concat", "SoftPool") and node.output not in graph.outputs
+    return traits(node).passes_shift and not any(node.attributes.get("pads", ())) and node.output not in graph.outputs
 
 
-def _pass(graph: Graph, node: Node, before: str, after: str, shift: np.ndarray) -> None:
+def _move_behind(graph: Graph, node: Node, before: str, after: str, shift: np.ndarray) -> None:
     """Let `node` take `before` for `after` (= before + shift), and put right what it computes."""
+    inputs = [before if name == after else name for name in node.inputs]
     if node.op == "Conv":
-        kernel = graph.weights[node.inputs[1]].folded()
-        bias = bias_of(graph, node) + np.einsum("oihw,i->o", kernel.astype(np.float64), shift)
-        node.inputs[0] = before
+        bias = bias_with(graph, node, shift)
+        graph.rewire(node, inputs)
         set_bias(graph, node, bias)
         return
     if (own := shift_of(graph, node)) is not None:
-        node.inputs = [before, shift_constant(graph, own + shift)]
+        graph.rewire(node, [before, channel_constant(graph, own + shift)])
         return
     if node.op == "Concat":
-        parts = [shift if name == after else np.zeros(graph.shapes[name][1]) for name in node.inputs]
-        shift = np.concatenate(parts)
+        shift = np.concatenate([shift if n == after else np.zeros(graph.channels(n)) for n in node.inputs])
     elif node.op == "Mul":
         shift = shift * graph.weights[node.inputs[1]].values.reshape(-1)
     elif node.op == "Add":
         shift = shift * node.inputs.count(after)
-    node.inputs = [before if name == after else name for name in node.inputs]
-    result, node.output = node.output, graph.new_name(node.op, graph.shapes[node.output])
-    graph.nodes.insert(graph.nodes.index(node) + 1, Node("Add", [node.output, shift_constant(graph, shift)], result))
-
-
-def shift_constant(graph: Graph, values: np.ndarray) -> str:
-    """Store a number for every channel (C,) as what a node adds or multiplies; its name."""
-    return graph.weight("shift", np.float32(values)[None, :, None, None])
+    shape = graph.shapes[node.output]
+    with graph.before(node):
+        result = graph.add(node.op, inputs, shape, **node.attributes)
+        result = graph.add("Add", [result, channel_constant(graph, shift)], shape)
+    graph.supplant(node, result)
