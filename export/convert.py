@@ -172,4 +172,4 @@ def _channels_of_features(source: Source) -> int:
     """Channels of the feature map, from a pass over a tiny image."""
     config = source.config
     with torch.inference_mode():
-        return source.image_net(torch.zeros(1, config.in_channels, 16, 16)).features.shape[1]
+        return int(source.image_net(torch.zeros(1, config.in_channels, 16, 16)).features.shape[1])

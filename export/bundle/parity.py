@@ -16,7 +16,8 @@ from runtime.compute.workers import Workers
 from runtime.errors import ParityError
 from runtime.head.numba_engine import PointHeadEngine
 from runtime.head.onnx_engine import OnnxHead
-from runtime.head.refinement import FeatureMap, PointHead
+from runtime.head.refinement import PointHead
+from runtime.head.transfer import FeatureMap
 from runtime.image.entry import Entered
 from runtime.image.image_net import ImageNet
 from runtime.image.inputs import ImageInput, InputBuilder

@@ -30,7 +30,8 @@ def bias_of(graph: Graph, conv: Node) -> np.ndarray:
 def bias_with(graph: Graph, conv: Node, shift: np.ndarray, first: int = 0) -> np.ndarray:
     """(O,) f64 bias of a convolution to whose input channels, from `first` on, `shift` is added."""
     kernel = kernel_of(graph, conv)[:, first : first + len(shift)]
-    return bias_of(graph, conv) + np.einsum("oihw,i->o", kernel.astype(np.float64), shift)
+    bias: np.ndarray = bias_of(graph, conv) + np.einsum("oihw,i->o", kernel.astype(np.float64), shift)
+    return bias
 
 
 def scale_kernel(graph: Graph, conv: Node, factors: np.ndarray, bias: np.ndarray) -> None:

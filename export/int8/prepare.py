@@ -12,12 +12,12 @@ from export.graph.graph import Graph
 from export.graph.image_graph import trace
 from export.graph.rewrite import fold_norms, trim_kernels
 from export.graph.serialise import onnx_bytes
+from export.int8.before_channels_last import means_to_pools, shuffle_blocks, spread_factors, spread_gates
 from export.int8.calibration import find_ranges, find_widths, halves_of
 from export.int8.channels_last import integer_operations
 from export.int8.equalise import equalise
 from export.int8.integer_forms import with_integer_forms
 from export.int8.integers import LARGEST, clipped, integer_values, last_convolutions, layers, roots
-from export.int8.layout import means_to_pools, shuffle_blocks, spread_factors, spread_gates
 from export.int8.pairs import quantised
 from export.int8.shifts import carry_shifts, to_relu
 from runtime.classes import CLASSES

@@ -8,9 +8,9 @@ import pytest
 from export.graph.graph import Graph
 from export.graph.image_graph import trace
 from export.graph.rewrite import fold_norms, trim_kernels
+from export.int8.before_channels_last import means_to_pools, shuffle_blocks, spread_factors, spread_gates
 from export.int8.calibration import halves_of
 from export.int8.integer_forms import with_integer_forms
-from export.int8.layout import means_to_pools, shuffle_blocks, spread_factors, spread_gates
 from export.int8.shifts import carry_shifts, to_relu
 from tests.support.graphs import SHAPE, graph_of, image, network, run
 

@@ -5,10 +5,10 @@ import pytest
 
 from export.graph.image_graph import trace
 from export.graph.rewrite import fold_norms
+from export.int8.before_channels_last import shuffle_blocks
 from export.int8.calibration import find_widths, floating, halves_of
 from export.int8.equalise import equalise, tied_channels
 from export.int8.integer_forms import with_integer_forms
-from export.int8.layout import shuffle_blocks
 from export.int8.shifts import carry_shifts, to_relu
 from tests.support.graphs import SHAPE, convolve, graph_of, image, join_graph, network, run
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from export.graph.image_graph import trace
-from export.int8.layout import spread_gates
-from tests.support.graphs import SHAPE, image, network, run
+from export.int8.before_channels_last import shuffle_blocks, spread_gates
+from tests.support.graphs import SHAPE, convolve, graph_of, image, network, run
 
 
 @pytest.mark.parametrize("name", ["v1", "rt"])
@@ -30,3 +30,18 @@ def test_a_gate_that_others_read_stays_as_it_is():
     assert graph.shapes[gate.output][1] == 1
     for kept, spread in zip(before, run(graph, image()), strict=True):
         np.testing.assert_array_equal(spread, kept)
+
+
+@pytest.mark.parametrize(("shape", "mode"), [((1, 8, 1, 1), "DCR"), ((1,), "CRD")])
+def test_pixel_shuffles_move_runs_of_channels_where_all_that_makes_them_can_be_reordered(shape, mode):
+    """A constant of each channel can; one number for all is left alone, and the shuffle with it."""
+    graph = graph_of((1, 3, 4, 6))
+    made = convolve(graph, "image", image(1, (8, 3, 3, 3)), image(2, (8,)))
+    made = graph.add("Add", [made, graph.weight("added", image(3, shape))], (1, 8, 4, 6))
+    made = graph.add("Sigmoid", [made], (1, 8, 4, 6))
+    graph.finish(graph.add("DepthToSpace", [made], (1, 2, 8, 12), blocksize=2, mode="CRD"), "y")
+    x = image(0, (1, 3, 4, 6))
+    before = run(graph, x)[0]
+    shuffle_blocks(graph)
+    assert graph.producer("y").attributes["mode"] == mode
+    np.testing.assert_allclose(run(graph, x)[0], before, rtol=1e-6)

@@ -5,6 +5,7 @@ import numpy as np
 from export.graph.convolutions import bias_of, is_plain, kernel_of, set_convolution
 from export.graph.graph import Graph, Node
 from export.graph.operations import traits
+from export.int8.shifts import shift_of
 
 
 def means_to_pools(graph: Graph) -> None:
@@ -91,7 +92,7 @@ def _makers(graph: Graph, name: str) -> list[Node] | None:
         return None
     if is_plain(node):
         return [node]
-    weighted = node.op == "Add" and node.inputs[1] in graph.weights
+    weighted = shift_of(graph, node) is not None
     if node.op != "Add" and not traits(node).elementwise:
         return None
     found = [node] if weighted else []
