@@ -17,7 +17,8 @@ from bench.accuracy import STREETS, score, scores, simulated, with_runner
 from bench.report import save, show
 from export.convert import export_checkpoint
 from mos_model.networks import checkpoint
-from mos_model.networks.config import ModelConfig, named_config
+from mos_model.networks.config import ModelConfig
+from mos_model.networks.registry import named_config
 from mos_model.publish import publish
 from mos_model.training.distributed import join_ranks
 from mos_model.training.recipe import TrainConfig, recipe
@@ -40,7 +41,7 @@ POSTPROCESSES = ("none", "knn", "head")
 def train(model: ModelConfig, config: TrainConfig, out: Path, init: Path | None = None) -> Path:
     """Train to the last step, from where an earlier call was interrupted. Returns the checkpoint."""
     last = out / "last.pt"
-    if last.is_file() and checkpoint.read(last)["training"]["step"] >= config.steps:
+    if last.is_file() and checkpoint.read(last).training["step"] >= config.steps:
         return last
     ranks = join_ranks("cpu")
     run_training(

@@ -17,9 +17,8 @@ from torch import Tensor, nn
 from bench.report import interleaved, save, show, summary
 from export.graph.image_graph import image_bytes
 from mos_model.networks.blocks import act
-from mos_model.networks.config import named_config
-from mos_model.networks.network import ImageOutput, build_image_network
-from mos_model.networks.realtime import WIDTHS, RealtimeNet, Up, conv
+from mos_model.networks.image_output import ImageOutput
+from mos_model.networks.rt import RealtimeConfig, RealtimeNet, Up, conv
 from runtime.classes import CLASSES
 from runtime.commands.handler import run_alone
 from runtime.image.image_net import ImageNet
@@ -118,9 +117,8 @@ VARIANTS: dict[str, tuple[int, Callable[[RealtimeNet], None]]] = {  # factor of 
 def build(factor: int, change: Callable[[RealtimeNet], None]) -> tuple[nn.Module, tuple[int, ...]]:
     """A variant, and the shape of its image."""
     torch.manual_seed(0)
-    config = named_config("rt", CHANNELS, rt_widths=tuple(factor * width for width in WIDTHS))
-    network = build_image_network(config)
-    assert isinstance(network, RealtimeNet)
+    config = RealtimeConfig(channels=CHANNELS, widths=tuple(factor * width for width in RealtimeConfig.widths))
+    network = RealtimeNet(config)
     change(network)
     return network.eval(), (1, config.in_channels, config.sensor.height, config.sensor.width)
 

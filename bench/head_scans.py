@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from bench.report import ROOT
+from export.bundle.head_weights import fold
+from export.checkpoint.key_map import head_modules, under_our_names
 from runtime.bundle.head_shape import FULL, LITE
 from runtime.bundle.residual import Residual
 from runtime.classes import MOVING, to_classes
 from runtime.compute.workers import Workers
-from runtime.head.numba_engine import FeatureMap, PointHeadEngine, fold
+from runtime.head.numba_engine import FeatureMap, PointHeadEngine
 from runtime.image.inputs import InputBuilder
 from runtime.recordings.registry import open_recording
 from runtime.sensors.range_image import RangeImage
@@ -30,7 +32,7 @@ def make_head(name: str, threads: int) -> PointHeadEngine:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    weights = dict(module.reference_state_dict(f"point_head_{name}", SEED))
+    weights = under_our_names(module.reference_state_dict(f"point_head_{name}", SEED), head_modules(HEADS[name]))
     return PointHeadEngine(fold(weights, HEADS[name]), HEADS[name], Workers(threads))
 
 

@@ -14,8 +14,7 @@ from bench.report import interleaved, save, show, summary
 from export.graph.image_graph import Outputs, image_bytes
 from export.int8.prepare import prepare
 from export.int8.scenes import CALIBRATION_STREETS, simulated
-from mos_model.networks.config import named_config
-from mos_model.networks.network import build_image_network
+from mos_model.networks.registry import named_config
 from runtime.commands.handler import run_alone
 from runtime.image.image_net import ImageNet
 
@@ -31,7 +30,7 @@ def compare(
     torch.manual_seed(0)
     torch.set_num_threads(threads)
     model = named_config(config, channels)
-    network = build_image_network(model).eval()
+    network = model.build_image_network().eval()
     shape = (model.in_channels, model.sensor.height, model.sensor.width)
     scenes = simulated(model.sensor, model.residual, CALIBRATION_STREETS, 2) if int8 else []
     images = [scene.image for scene in scenes]

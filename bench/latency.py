@@ -60,13 +60,12 @@ def random_bundle(config: str, precision: str, folder: Path) -> Path:
     from export.convert import export_checkpoint
     from export.int8.quantise import Settings
     from mos_model.networks import checkpoint
-    from mos_model.networks.config import named_config
-    from mos_model.networks.network import build_image_network, build_point_head
+    from mos_model.networks.registry import named_config
 
     torch.manual_seed(0)
     model = named_config(config)
     path = folder / f"{config}.pt"
-    checkpoint.save(path, model, build_image_network(model), build_point_head(model))
+    checkpoint.save(path, model, model.build_image_network(), model.build_point_head())
     whole = Settings(streets=1, judging=1) if precision == "int8" else None
     exported = export_checkpoint(
         path, folder / config, weights="float32", trained=False, precision=precision, int8=whole
@@ -124,16 +123,16 @@ def measure_head(config: str, folder: Path, threads: int, rounds: int) -> dict[s
     """The point head alone on one scan, random weights: all points and the labelled movers; PyTorch on all."""
     import torch
 
-    from mos_model.networks.config import named_config
-    from mos_model.networks.network import build_point_head
+    from export.bundle.head_weights import fold
+    from mos_model.networks.registry import named_config
     from runtime.compute.workers import Workers
-    from runtime.head.numba_engine import FeatureMap, PointHeadEngine, fold
+    from runtime.head.numba_engine import FeatureMap, PointHeadEngine
     from runtime.image.inputs import InputBuilder
 
     torch.manual_seed(0)
     torch.set_num_threads(threads)
     model = named_config(config)
-    head = build_point_head(model)
+    head = model.build_point_head()
     assert head is not None
     assert model.point_head is not None
     head.eval()

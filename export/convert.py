@@ -6,16 +6,9 @@ from pathlib import Path
 
 import torch
 
+from export.bundle.head_weights import head_arrays, write_point_head
 from export.bundle.parity import Parity, check_parity
-from export.bundle.write import (
-    file_entry,
-    head_arrays,
-    plain,
-    replacing_bundle,
-    rounded_to_half,
-    write_manifest,
-    write_point_head,
-)
+from export.bundle.write import file_entry, plain, replacing_bundle, rounded_to_half, write_manifest
 from export.checkpoint.published import Source, understand
 from export.checkpoint.reader import read_tensors
 from export.graph.head_graph import head_bytes
@@ -149,7 +142,7 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
     }
     return Manifest(
         name=config.name,
-        network=config.network,
+        network=config.kind,
         sensors=(sensor,),
         residual=config.residual,
         features=features,

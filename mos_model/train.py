@@ -19,7 +19,7 @@ def train(
     train_on: Annotated[str | None, typer.Option(help="Sequences, as 00,01 (default: the published split)")] = None,
     validate_on: Annotated[str | None, typer.Option(help="Sequences, as 08 (default: the published split)")] = None,
     sensor: SensorName = "hdl64e",
-    config: Annotated[str, typer.Option(help="Network: lmnet, b, c, d, e, v1, v2, v2-lite, rt, rt-head")] = "v1",
+    config: Annotated[str, typer.Option(help="Network by name: v1, rt, rt-head, ... (a wrong one lists all)")] = "v1",
     channels: Annotated[int, typer.Option(min=1, help="Width of the image network")] = 32,
     recipe: Annotated[str, typer.Option(help="'paper' or 'sim2real'")] = "paper",
     stage: Annotated[int, typer.Option(min=1, max=2, help="1: image network; 2: point head, image network frozen")] = 1,
@@ -58,7 +58,7 @@ def train(
     need_extra("train", "torch")
     import torch
 
-    from mos_model.networks.config import ModelConfig, named_config
+    from mos_model.networks.registry import named_config, read_config
     from mos_model.training.distributed import join_ranks
     from mos_model.training.recipe import recipe as named_recipe
     from mos_model.training.session import run_training
@@ -76,7 +76,7 @@ def train(
     ranks = join_ranks(device)
     try:
         run_training(
-            ModelConfig.from_dict(model),
+            read_config(model),
             lambda epoch_steps: named_recipe(recipe, stage, epoch_steps, **changes),
             (
                 Data(profile=sensor)

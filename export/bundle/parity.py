@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from mos_model.networks.network import ImageOutput
+from mos_model.networks.image_output import ImageOutput
 from mos_model.simulator import simulate
 from runtime.bundle.loading import Bundle
 from runtime.bundle.manifest import POINT_HEAD, POINT_HEAD_ONNX, SensorEntry

@@ -2,22 +2,19 @@
 
 import contextlib
 import dataclasses
-import io
 import json
+import math
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from torch import Tensor, nn
 
-from runtime.bundle.head_shape import PointHeadConfig
 from runtime.bundle.loading import sha256_of
 from runtime.bundle.manifest import FORMAT, MANIFEST, NETWORK_FILES, FileEntry, Manifest
 from runtime.errors import BundleError, CheckpointError
 from runtime.files import replacing_folder
-from runtime.head.weights import EPSILON, fold, layers
 
 
 @contextlib.contextmanager
@@ -62,33 +59,6 @@ def file_entry(path: Path, precision: str) -> FileEntry:
     return FileEntry(sha256_of(path), path.stat().st_size, precision)
 
 
-def head_arrays(head: nn.Module, config: PointHeadConfig, half: bool) -> dict[str, np.ndarray]:
-    """What `point_head.npz` holds: the weights of `runtime.head.weights.fold`.
-
-    `half`: kernels as they are in the checkpoint, in float16, each with the float32 scale of its BatchNorm beside it
-    (`NAME.scale`); so a checkpoint in half precision loses nothing.
-    """
-    state = {key: value.detach().numpy() for key, value in head.state_dict().items()}
-    arrays: dict[str, np.ndarray] = dict(fold(state, config))
-    for layer in layers(config) if half else ():
-        scale = np.ones(layer.outputs)
-        if layer.norm:
-            variance = state[f"{layer.norm}.running_var"].astype(np.float64)
-            scale = state[f"{layer.norm}.weight"] / np.sqrt(variance + EPSILON)
-        kernel = state[layer.source].T if layer.linear else state[layer.source]
-        arrays[f"{layer.name}.weight"] = kernel.astype(np.float16)
-        arrays[f"{layer.name}.scale"] = scale.astype(np.float32)
-    return arrays
-
-
-def write_point_head(path: Path, head: nn.Module, config: PointHeadConfig, half: bool) -> None:
-    """Write `point_head.npz`; `half` as in `head_arrays`."""
-    arrays = head_arrays(head, config, half)
-    buffer = io.BytesIO()
-    np.savez(buffer, **{key: np.ascontiguousarray(arrays[key]) for key in sorted(arrays)})
-    path.write_bytes(buffer.getbuffer())
-
-
 def rounded_to_half(module: nn.Module, what: str) -> None:
     """Round every kernel and matrix of `module` to what float16 holds, in place; vectors stay as they are.
 
@@ -107,7 +77,7 @@ def rounded_to_half(module: nn.Module, what: str) -> None:
 
 
 def plain(values: Any) -> Any:
-    """JSON values of a training record; tensors and the like are left out."""
+    """JSON values of a training record; tensors, infinity and the like are left out."""
     if isinstance(values, Mapping):
         return {str(key): plain(value) for key, value in values.items() if _is_plain(value)}
     if isinstance(values, (list, tuple)):
@@ -116,4 +86,6 @@ def plain(values: Any) -> Any:
 
 
 def _is_plain(value: Any) -> bool:
+    if isinstance(value, float) and not math.isfinite(value):  # the best score of a run without validation
+        return False
     return value is None or isinstance(value, (bool, int, float, str, Mapping, list, tuple))

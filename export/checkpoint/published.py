@@ -7,14 +7,16 @@ from typing import Any
 
 from torch import Tensor, nn
 
-from mos_model.networks.checkpoint import FORMAT, load_state
-from mos_model.networks.config import ModelConfig, named_config
-from mos_model.networks.network import UNUSED_PREFIXES, build_image_network, build_point_head
+from export.checkpoint.key_map import UNUSED_PREFIXES, head_modules, image_modules, published_names
+from mos_model.networks.checkpoint import is_ours, load_state, parse
+from mos_model.networks.config import ModelConfig
+from mos_model.networks.point_head import PointHead
+from mos_model.networks.registry import named_config
 from runtime.bundle.head_shape import FULL, LITE, PointHeadConfig
 from runtime.bundle.residual import Residual
 from runtime.errors import CheckpointError, SettingError
 
-NETWORKS = ("lmnet", "b", "c", "d", "e", "v1", "v2", "v2-lite")
+PUBLISHED = ("lmnet", "b", "c", "d", "e", "v1", "v2", "v2-lite")
 
 State = Mapping[str, Any]
 
@@ -26,7 +28,7 @@ class Source:
     kind: str  # in words
     config: ModelConfig
     image_net: nn.Module
-    point_head: nn.Module | None
+    point_head: PointHead | None
     dropped: tuple[str, ...] = ()  # keys that the network does not use
     training: Mapping[str, Any] = field(default_factory=dict)  # what our trainer wrote
     trained: bool = True
@@ -35,45 +37,39 @@ class Source:
 def understand(content: Any, path: Path, network: str | None = None) -> Source:
     """Build the modules of what `read_tensors` returned.
 
-    `network` (one of NETWORKS) says what keys and shapes cannot: the pooling. Without it a network with
+    `network` (one of PUBLISHED) says what keys and shapes cannot: the pooling. Without it a network with
     MetaKernel has SoftPool (v1). b to e and v1 speak of the image network: a point head in the file comes
     along. Raises SettingError on an unknown `network`, and CheckpointError where the file is not of
     `network`, or lacks, adds or misshapes a tensor: all of them are named.
     """
-    if network is not None and network not in NETWORKS:
-        raise SettingError(f"network must be one of {', '.join(NETWORKS)}, not {network!r}")
-    if isinstance(content, dict) and {"format", "config", "image_net"} <= content.keys():
+    if network is not None and network not in PUBLISHED:
+        raise SettingError(f"network must be one of {', '.join(PUBLISHED)}, not {network!r}")
+    if is_ours(content):
         return _ours(content, path, network)
     kind, image_state, head_state = _parts(content, path)
     config = _recognise(image_state, head_state, network, path)
-    image_net, point_head = build_image_network(config), build_point_head(config)
-    unused = UNUSED_PREFIXES if config.network == "dual" else ()
-    dropped = load_state(image_net, image_state, f"{path}: image network", unused)
-    if point_head is not None and head_state is not None:
-        load_state(point_head, head_state, f"{path}: point head")
+    image_net, point_head = config.build_image_network(), config.build_point_head()
+    unused = UNUSED_PREFIXES if config.kind == "dual" else ()
+    dropped = tuple(key for key in image_state if key.startswith(unused))
+    used = {key: value for key, value in image_state.items() if key not in set(dropped)}
+    names = published_names(image_net.state_dict(), image_modules(config.kind))
+    load_state(image_net, used, f"{path}: image network", names)
+    if point_head is not None and config.point_head is not None:
+        names = published_names(point_head.state_dict(), head_modules(config.point_head))
+        load_state(point_head, head_state, f"{path}: point head", names)
         point_head.eval()
-    return Source(kind, config, image_net.eval(), point_head, tuple(dropped))
+    return Source(kind, config, image_net.eval(), point_head, dropped)
 
 
 def _ours(content: dict[str, Any], path: Path, network: str | None) -> Source:
     if network is not None:
         raise CheckpointError(f"{path}: says itself which network it holds; leave out {network} (`network`)")
-    if content["format"] != FORMAT:
-        raise CheckpointError(f"{path}: format {content['format']!r}, but this version reads format {FORMAT}")
-    try:
-        config = ModelConfig.from_dict(content["config"])
-    except SettingError as error:
-        raise CheckpointError(f"{path}: its configuration does not fit this version: {error}") from error
-    if ("point_head" in content) != (config.point_head is not None):
+    stored = parse(content, str(path))
+    if (stored.point_head is None) != (stored.config.point_head is None):
         raise CheckpointError(f"{path}: its configuration and its weights disagree about a point head")
-    image_net, point_head = build_image_network(config), build_point_head(config)
-    load_state(image_net, content["image_net"], f"{path}: image network")
-    if point_head is not None:
-        load_state(point_head, content["point_head"], f"{path}: point head")
-        point_head.eval()
-    training = content.get("training") or {}
+    found, training = stored.modules(), stored.training
     trained = bool(training.get("trained", training.get("step", 0)))
-    return Source("checkpoint of lidar-mos", config, image_net.eval(), point_head, (), training, trained)
+    return Source("checkpoint of lidar-mos", found.config, found.image_net, found.point_head, (), training, trained)
 
 
 def _parts(content: Mapping[Any, Any], path: Path) -> tuple[str, State, State | None]:
@@ -124,7 +120,7 @@ def _recognise(image: State, head: State | None, network: str | None, path: Path
 def _image_name(state: State, network: str | None) -> str:
     """Which row of the paper's ablation the image network is: lmnet, b, c, d or v1."""
     if _has(state, "logits3.") or _has(state, "RI_"):
-        possible = ("v1", "e", "d", "v2", "v2-lite") if _has(state, "metaConv.") else ("b", "c")
+        possible: tuple[str, ...] = ("v1", "e", "d", "v2", "v2-lite") if _has(state, "metaConv.") else ("b", "c")
     elif _has(state, "logits."):
         possible = ("lmnet",)
     else:

@@ -14,7 +14,7 @@ import zipfile
 from collections.abc import Callable, Iterable
 from math import prod
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any, BinaryIO
 
 import torch
 from torch import Tensor
@@ -106,7 +106,7 @@ class _Storage(Inert):
 class _Unpickler(pickle.Unpickler):
     """Makes plain values and `Inert` objects only."""
 
-    def __init__(self, file: BinaryIO) -> None:
+    def __init__(self, file: IO[bytes]) -> None:
         super().__init__(file, encoding="utf-8")
         self.storages: list[_Storage] = []
 

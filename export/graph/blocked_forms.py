@@ -63,9 +63,9 @@ class BlockedSoftPool(nn.Module):
 
 
 class BlockedMetaKernel(nn.Module):
-    """MetaKernel (paper, Sec. III-A); conv1 of (neighbour - centre) is one 3x3 convolution with two taps.
+    """MetaKernel (paper, Sec. III-A); weigh1 of (neighbour - centre) is one 3x3 convolution with two taps.
 
-    The centre differs from itself by nothing, so its weights are the same for every pixel: with those of conv1x1 they
+    The centre differs from itself by nothing, so its weights are the same for every pixel: with those of `join` they
     make one convolution.
     """
 
@@ -75,23 +75,23 @@ class BlockedMetaKernel(nn.Module):
 
     def __init__(self, block: MetaKernel) -> None:
         super().__init__()
-        self.bias, self.conv2, self.conv1x1 = block.conv1.bias, block.conv2, block.conv1x1
+        self.bias, self.weigh2, self.join = block.weigh1.bias, block.weigh2, block.join
         self.register_buffer("copy", copies(3))
         difference = self.copy - self.copy[CENTRE]  # (9, 1, 1, 3, 3)
-        self.register_buffer("near", block.conv1.weight.detach() * difference)
+        self.register_buffer("near", block.weigh1.weight.detach() * difference)
         with torch.no_grad():
-            same = self.conv2(act(self.bias)[None, :, None, None])  # (1, c, 1, 1)
-            self.register_buffer("centre", self.conv1x1.weight[:, CENTRE::9] * same)
+            same = self.weigh2(act(self.bias)[None, :, None, None])  # (1, c, 1, 1)
+            self.register_buffer("centre", self.join.weight[:, CENTRE::9] * same)
 
     def weight(self, x: Tensor, j: int) -> Tensor:
         """(B, c, H, W): weights of neighbour j from the coordinates (B, 5, H, W)."""
-        weights: Tensor = self.conv2(act(F.conv2d(x, self.near[j], self.bias, padding=1)))
+        weights: Tensor = self.weigh2(act(F.conv2d(x, self.near[j], self.bias, padding=1)))
         return weights
 
     def forward(self, x: Tensor, features: Tensor) -> Tensor:
         c = features.shape[1]
-        out = F.conv2d(features, self.centre, self.conv1x1.bias)  # (B, c, H, W)
+        out = F.conv2d(features, self.centre, self.join.bias)  # (B, c, H, W)
         for j in NEIGHBOURS:
             neighbour = F.conv2d(features, self.copy[j].expand(c, 1, 3, 3), padding=1, groups=c)
-            out = out + F.conv2d(self.weight(x, j) * neighbour, self.conv1x1.weight[:, j::9])  # (B, c, H, W)
+            out = out + F.conv2d(self.weight(x, j) * neighbour, self.join.weight[:, j::9])  # (B, c, H, W)
         return out

@@ -24,7 +24,7 @@ Rows = str  # symbol of a number of rows: voxels0 (of stride 1), voxels1 (of str
 
 
 def head_bytes(weights: Mapping[str, np.ndarray], config: PointHeadConfig) -> bytes:
-    """The ONNX model of a point head; `weights` as `export.bundle.write.head_arrays` gives them. Same bytes always."""
+    """The ONNX model of a point head; `weights` as of `export.bundle.head_weights.head_arrays`. Same bytes always."""
     return onnx_bytes(_HeadGraph(weights, config).build(), "point_head")
 
 

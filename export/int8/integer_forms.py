@@ -52,7 +52,7 @@ class IntegerMetaKernel(BlockedMetaKernel):
 
     def __init__(self, block: MetaKernel) -> None:
         super().__init__(block)
-        weight = block.conv1x1.weight.detach()  # (c, 9c, 1, 1), input channel = channel * 9 + j
+        weight = block.join.weight.detach()  # (c, 9c, 1, 1), input channel = channel * 9 + j
         self.halves = (NEIGHBOURS[:4], NEIGHBOURS[4:])  # eight products side by side would not fit the cache
         kernels = [torch.cat([weight[:, j::9] for j in half], 1) for half in self.halves]
         self.register_buffer("joined", torch.stack(kernels))
@@ -60,7 +60,7 @@ class IntegerMetaKernel(BlockedMetaKernel):
     def forward(self, x: Tensor, features: Tensor) -> Tensor:
         height, width = x.shape[-2:]
         around = F.pad(features, (1, 1, 1, 1))  # (B, c, H+2, W+2)
-        out = F.conv2d(features, self.centre, self.conv1x1.bias)  # (B, c, H, W)
+        out = F.conv2d(features, self.centre, self.join.bias)  # (B, c, H, W)
         for kernel, half in zip(self.joined, self.halves, strict=True):
             near = [around[..., j // 3 : j // 3 + height, j % 3 : j % 3 + width] for j in half]
             products = [self.weight(x, j) * part for j, part in zip(half, near, strict=True)]

@@ -1,7 +1,8 @@
 """Checkpoints: tensors and plain values in one file that is whole or absent.
 
-{"format": 1, "config": ModelConfig.to_dict(), "image_net": state dict, "point_head": state dict (or absent),
-"training": plain values and tensors}. Loading executes nothing (`weights_only=True`).
+{"format": 2, "config": ModelConfig.to_dict(), "image_net": state dict, "point_head": state dict (or absent),
+"training": plain values and tensors}. Loading executes nothing (`weights_only=True`). `format_1.py` says how
+older checkpoints differ.
 """
 
 import io
@@ -14,12 +15,14 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from mos_model.networks.config import ModelConfig, differing_fields
-from mos_model.networks.network import build_image_network, build_point_head
+from mos_model.networks.config import ModelConfig, differences
+from mos_model.networks.format_1 import renamed
+from mos_model.networks.point_head import PointHead
+from mos_model.networks.registry import read_config
 from runtime.errors import CheckpointError, SettingError
 from runtime.files import write_whole
 
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -28,8 +31,33 @@ class Checkpoint:
 
     config: ModelConfig
     image_net: nn.Module
-    point_head: nn.Module | None
+    point_head: PointHead | None
     training: dict[str, Any]  # whatever the trainer stored: step, recipe, scores, optimizer state, ...
+
+
+@dataclass(frozen=True)
+class Stored:
+    """The same before any module is built."""
+
+    path: str
+    config: ModelConfig
+    image_net: Mapping[str, Any]  # state dict
+    point_head: Mapping[str, Any] | None  # state dict
+    training: dict[str, Any]
+
+    def image_network(self) -> nn.Module:
+        """The image network, in evaluation mode. Raises CheckpointError where the tensors are not its own."""
+        network = self.config.build_image_network()
+        load_state(network, self.image_net, f"{self.path}: image network")
+        return network.eval()
+
+    def modules(self) -> Checkpoint:
+        """All of it. Raises CheckpointError where the tensors are not those of the modules."""
+        image_net, point_head = self.image_network(), self.config.build_point_head()
+        if point_head is not None:
+            load_state(point_head, self.point_head or {}, f"{self.path}: point head")
+            point_head.eval()
+        return Checkpoint(self.config, image_net, point_head, self.training)
 
 
 def save(
@@ -63,26 +91,15 @@ def save(
 
 def load(path: str | os.PathLike[str], config: ModelConfig | None = None) -> Checkpoint:
     """Read a checkpoint of `save`. Raises CheckpointError where it is none, or not of `config` if given."""
-    content = read(path)
-    try:
-        found = ModelConfig.from_dict(content["config"])
-    except SettingError as error:
-        raise CheckpointError(f"{path}: its configuration does not fit this version: {error}") from error
-    if config is not None and found != config:
-        lines = "; ".join(differing_fields(found, config))
+    stored = read(path)
+    if config is not None and stored.config != config:
+        lines = "; ".join(differences(stored.config, config))
         raise CheckpointError(f"{path}: made for another configuration (its own against the one asked for): {lines}")
-    image_net, point_head = build_image_network(found), build_point_head(found)
-    load_state(image_net, content["image_net"], f"{path}: image network")
-    if point_head is not None:
-        load_state(point_head, content.get("point_head", {}), f"{path}: point head")
-        point_head.eval()
-    elif "point_head" in content:
-        raise CheckpointError(f"{path}: holds a point head that its configuration does not have")
-    return Checkpoint(found, image_net.eval(), point_head, content["training"])
+    return stored.modules()
 
 
-def read(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The content of a checkpoint as it was stored, its format checked but no module built."""
+def read(path: str | os.PathLike[str]) -> Stored:
+    """A checkpoint as it lies in its file. Raises CheckpointError where it is none."""
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError as error:
@@ -90,40 +107,57 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     except (OSError, RuntimeError, EOFError, ValueError, KeyError, pickle.UnpicklingError) as error:
         reason = str(error).split("\n", 1)[0]
         raise CheckpointError(f"{path}: not a checkpoint of tensors and plain values ({reason})") from error
-    if not isinstance(content, dict) or not {"format", "config", "image_net", "training"} <= content.keys():
+    if not is_ours(content):
         raise CheckpointError(f"{path}: not a checkpoint of this package (published ones: see `mos export`)")
-    if content["format"] != FORMAT:
-        raise CheckpointError(f"{path}: format {content['format']!r}, but this version reads format {FORMAT}")
-    return content
+    return parse(content, str(path))
 
 
-def load_state(
-    module: nn.Module, state: Mapping[str, Any], what: str, unused_prefixes: tuple[str, ...] = ()
-) -> list[str]:
-    """Load `state` into `module` (casting to its dtypes) and return the keys dropped by `unused_prefixes`.
+def is_ours(content: Any) -> bool:
+    """Whether what a file holds is a checkpoint of `save`, and no published one."""
+    return isinstance(content, dict) and {"format", "config", "image_net", "training"} <= content.keys()
+
+
+def parse(content: dict[str, Any], path: str) -> Stored:
+    """A checkpoint from the content of its file, of any format that there was. Raises CheckpointError."""
+    if content["format"] not in (1, FORMAT):
+        raise CheckpointError(f"{path}: format {content['format']!r}, but this version reads formats 1 to {FORMAT}")
+    try:
+        config = read_config(content["config"])
+    except SettingError as error:
+        raise CheckpointError(f"{path}: its configuration does not fit this version: {error}") from error
+    if "point_head" in content and config.point_head is None:
+        raise CheckpointError(f"{path}: holds a point head that its configuration does not have")
+    if content["format"] == 1:
+        content = renamed(content, config, path)
+    return Stored(path, config, content["image_net"], content.get("point_head"), content["training"])
+
+
+def load_state(module: nn.Module, state: Any, what: str, names: Mapping[str, str] | None = None) -> None:
+    """Load `state` into `module`, casting to its dtypes. names: what `state` calls each tensor; None: as the module.
 
     Raises CheckpointError that names every missing, extra, misshapen and non-finite tensor of `what`; the
     module is then as it was.
     """
     if not isinstance(state, Mapping):
         raise CheckpointError(f"{what}: expected a mapping of tensors, not {type(state).__name__}")
-    dropped = [key for key in state if key.startswith(unused_prefixes)] if unused_prefixes else []
-    given = {key: value for key, value in state.items() if key not in set(dropped)}
     own = module.state_dict()
-    problems = [f"{key} is missing" for key in own if key not in given]
-    problems += [f"{key} is not part of the network" for key in given if key not in own]
-    for key in own.keys() & given.keys():
-        value = given[key]
+    names = {key: key for key in own} if names is None else names
+    known = set(names.values())
+    problems = [f"{name} is missing" for name in names.values() if name not in state]
+    problems += [f"{name} is not part of the network" for name in state if name not in known]
+    for key, name in names.items():
+        value = state.get(name)
+        if name not in state:
+            continue
         if not isinstance(value, Tensor):
-            problems.append(f"{key} is no tensor")
+            problems.append(f"{name} is no tensor")
         elif value.shape != own[key].shape:
-            problems.append(f"{key} is {tuple(value.shape)} instead of {tuple(own[key].shape)}")
+            problems.append(f"{name} is {tuple(value.shape)} instead of {tuple(own[key].shape)}")
         elif not value.isfinite().all():
-            problems.append(f"{key} is not finite")
+            problems.append(f"{name} is not finite")
     if problems:
         raise CheckpointError(f"{what} does not fit the network: {'; '.join(problems)}")
-    module.load_state_dict(given)
-    return dropped
+    module.load_state_dict({key: state[name] for key, name in names.items()})
 
 
 def _weights(module: nn.Module, half: bool) -> dict[str, Tensor]:

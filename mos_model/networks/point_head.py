@@ -1,7 +1,7 @@
 """The point head: a sparse-convolution U-net over voxels with a branch of point MLPs (paper, Sec. III-D).
 
-It refines the classes of single points, which the range image blurs at the edges of objects. Names of
-attributes are those of the published checkpoints. Every stride-1 voxel is one "point" of the point branch.
+It refines the classes of single points, which the range image blurs at the edges of objects. Layers have the names
+of `runtime.head.weights.layers`. Every stride-1 voxel is one "point" of the point branch.
 """
 
 from itertools import pairwise
@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from mos_model.networks.sparse import SparseConv, points_to_voxels, voxels_to_points
-from mos_model.networks.voxels import Level, VoxelGrid
+from mos_model.networks.voxels import KernelMap, Level, VoxelGrid
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.classes import CLASSES
 from runtime.errors import ScanError
@@ -26,35 +26,44 @@ class RowNorm(nn.BatchNorm1d):
         return super().forward(x)
 
 
+class SparseConvNorm(SparseConv):
+    """Sparse convolution -> BatchNorm."""
+
+    def __init__(self, i: int, o: int, volume: int) -> None:
+        super().__init__(i, o, volume)
+        self.norm = RowNorm(o)
+
+    def forward(self, x: Tensor, pairs: KernelMap | None = None) -> Tensor:
+        """(V, i) -> (V', o)."""
+        x = self.norm(super().forward(x, pairs))
+        return x
+
+
+class DenseNorm(nn.Linear):
+    """Linear layer -> BatchNorm -> ReLU."""
+
+    def __init__(self, i: int, o: int) -> None:
+        super().__init__(i, o)
+        self.norm = RowNorm(o)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(P, i) -> (P, o)."""
+        return F.relu(self.norm(super().forward(x)))
+
+
 class Residual(nn.Module):
     """Two 3x3x3 convolutions and a shortcut."""
 
     def __init__(self, i: int, o: int) -> None:
         super().__init__()
-        self.net = nn.Sequential(SparseConv(i, o, 27), RowNorm(o), nn.ReLU(), SparseConv(o, o, 27), RowNorm(o))
-        self.downsample = nn.Sequential(SparseConv(i, o, 1), RowNorm(o)) if i != o else nn.Identity()
+        self.conv1 = SparseConvNorm(i, o, 27)
+        self.conv2 = SparseConvNorm(o, o, 27)
+        self.shortcut = SparseConvNorm(i, o, 1) if i != o else nn.Identity()
 
     def forward(self, x: Tensor, level: Level) -> Tensor:
-        conv1, norm1, relu, conv2, norm2 = self.net
-        a = relu(norm1(conv1(x, level.neighbours)))  # (V, o)
-        b = norm2(conv2(a, level.neighbours))  # (V, o)
-        return F.relu(b + self.downsample(x))  # (V, o)
-
-
-class Resample(nn.Module):
-    """2x2x2 convolution to the next coarser level, or transposed to the next finer one."""
-
-    def __init__(self, i: int, o: int) -> None:
-        super().__init__()
-        self.net = nn.Sequential(SparseConv(i, o, 8), RowNorm(o))
-
-    def down(self, x: Tensor, coarse: Level) -> Tensor:
-        conv, norm = self.net
-        return F.relu(norm(conv(x, coarse.down)))  # (V of `coarse`, o)
-
-    def up(self, x: Tensor, coarse: Level) -> Tensor:
-        conv, norm = self.net
-        return F.relu(norm(conv(x, coarse.up)))  # (V of the level below `coarse`, o)
+        a = F.relu(self.conv1(x, level.neighbours))  # (V, o)
+        b = self.conv2(a, level.neighbours)  # (V, o)
+        return F.relu(b + self.shortcut(x))  # (V, o)
 
 
 class PointHead(nn.Module):
@@ -65,18 +74,16 @@ class PointHead(nn.Module):
         self.config = config
         self.depth = len(config.down)
         c, skips = config.in_channels, (config.in_channels, *config.down)
-        self.stem = nn.Sequential(SparseConv(c, c, 27), RowNorm(c))
+        self.stem = SparseConvNorm(c, c, 27)
         for n, (i, o) in enumerate(zip(skips, config.down, strict=False), 1):
-            setattr(self, f"stage{n}", nn.ModuleList([Resample(i, i), Residual(i, o), Residual(o, o)]))
+            setattr(self, f"stage{n}", nn.ModuleList([SparseConvNorm(i, i, 8), Residual(i, o), Residual(o, o)]))
         for n, (i, o) in enumerate(zip((config.down[-1], *config.up), config.up, strict=False), 1):
             residuals = nn.ModuleList([Residual(o + skips[self.depth - n], o), Residual(o, o)])
-            setattr(self, f"up{n}", nn.ModuleList([Resample(i, o), residuals]))
+            setattr(self, f"up{n}", nn.ModuleList([SparseConvNorm(i, o, 8), residuals]))
         joined = [] if config.fuse_after_up is None else [config.up[config.fuse_after_up - 1]]
         widths = [c, config.down[-1], *joined, config.up[-1]]
-        self.point_transforms = nn.ModuleList(
-            nn.Sequential(nn.Linear(i, o), RowNorm(o), nn.ReLU()) for i, o in pairwise(widths)
-        )
-        self.classifier = nn.Sequential(nn.Linear(config.up[-1], len(CLASSES)))
+        self.point_transforms = nn.ModuleList(DenseNorm(i, o) for i, o in pairwise(widths))
+        self.classifier = nn.Linear(config.up[-1], len(CLASSES))
         self.dropout = nn.Dropout(config.dropout)
 
     def grid(self, xyz: Tensor, batch: Tensor | None = None) -> VoxelGrid:
@@ -91,15 +98,14 @@ class PointHead(nn.Module):
                 f"not {tuple(features.shape)}"
             )
         with torch.autocast(features.device.type, enabled=False):
-            logits = self._voxel_logits(grid, features.to(self.stem[0].kernel.dtype))  # (P, 3)
+            logits = self._voxel_logits(grid, features.to(self.stem.kernel.dtype))  # (P, 3)
         return logits.index_select(0, grid.inverse)  # (N, 3)
 
     def _voxel_logits(self, grid: VoxelGrid, features: Tensor) -> Tensor:
         """features (N, c) -> logits (P, 3). Shapes are the full head's; V are the voxels of the level."""
         mlps = iter(self.point_transforms)
-        conv, norm = self.stem
         x = self._reduce(grid, features)  # (P, 32)
-        x = F.relu(norm(conv(x, grid.levels[0].neighbours)))  # (P, 32)
+        x = F.relu(self.stem(x, grid.levels[0].neighbours))  # (P, 32)
         z, skips = x, [x]
         for n in range(1, self.depth + 1):
             x = self._encode(n, x, grid)  # (V, 32), (V, 64), (V, 128), (V, 256)
@@ -110,7 +116,8 @@ class PointHead(nn.Module):
             if n == self.config.fuse_after_up:
                 x, z = self._join(x, z, grid, self.depth - n, next(mlps))  # (V, 128), (P, 128)
         z = x + next(mlps)(z)  # (P, 96); at stride 1 a voxel is its own point
-        return self.classifier(z)  # (P, 3)
+        logits: Tensor = self.classifier(z)  # (P, 3)
+        return logits
 
     def _reduce(self, grid: VoxelGrid, features: Tensor) -> Tensor:
         """Feature of each stride-1 voxel, (N, c) -> (P, c)."""
@@ -121,14 +128,16 @@ class PointHead(nn.Module):
     def _encode(self, n: int, x: Tensor, grid: VoxelGrid) -> Tensor:
         down, first, second = getattr(self, f"stage{n}")
         level = grid.levels[n]
-        x = down.down(x, level)  # (V, i)
-        return second(first(x, level), level)  # (V, o)
+        x = F.relu(down(x, level.down))  # (V, i)
+        x = second(first(x, level), level)  # (V, o)
+        return x
 
     def _decode(self, n: int, x: Tensor, skip: Tensor, grid: VoxelGrid) -> Tensor:
         up, (first, second) = getattr(self, f"up{n}")
         coarse, fine = grid.levels[self.depth - n + 1], grid.levels[self.depth - n]
-        x = torch.cat((up.up(x, coarse), skip), 1)  # (V, o + skip)
-        return second(first(x, fine), fine)  # (V, o)
+        x = torch.cat((F.relu(up(x, coarse.up)), skip), 1)  # (V, o + skip)
+        x = second(first(x, fine), fine)  # (V, o)
+        return x
 
     def _join(self, x: Tensor, z: Tensor, grid: VoxelGrid, n: int, mlp: nn.Module) -> tuple[Tensor, Tensor]:
         """Point branch meets voxel branch at level n: z = v2p(x) + mlp(z), x = dropout(p2v(z))."""

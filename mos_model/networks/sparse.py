@@ -38,7 +38,8 @@ class _SparseConvolution(torch.autograd.Function):
 
 def sparse_convolution(x: Tensor, kernel: Tensor, pairs: KernelMap) -> Tensor:
     """x (V, in), kernel (K, in, out) -> (V', out): out[o] = sum over k of in[o + offset_k] @ kernel[k]."""
-    return _SparseConvolution.apply(x, kernel, pairs)
+    out: Tensor = _SparseConvolution.apply(x, kernel, pairs)  # type: ignore[no-untyped-call]
+    return out
 
 
 class SparseConv(nn.Module):

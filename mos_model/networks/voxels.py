@@ -158,8 +158,8 @@ def _neighbour_map(keys: Tensor, stride: int) -> KernelMap:
     shifts = torch.tensor([stride * offset_key(*step) for step in steps], device=keys.device)  # (13,)
     row, found = find(keys, keys + shifts[:, None])  # (13, V), (13, V)
     counts = found.sum(1).tolist()
-    source = row[found].split(counts)  # 13 x (P_k,)
-    target = found.nonzero()[:, 1].split(counts)  # 13 x (P_k,)
+    source = torch.split(row[found], counts)  # 13 x (P_k,)
+    target = torch.split(found.nonzero()[:, 1], counts)  # 13 x (P_k,)
     return KernelMap((*source, None, *target[::-1]), (*target, None, *source[::-1]), len(keys))
 
 

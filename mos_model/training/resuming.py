@@ -1,10 +1,10 @@
 """Whether a checkpoint may be the start of a run, or what it goes on from."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-from mos_model.networks.config import ModelConfig, differing_fields
+from mos_model.networks.checkpoint import Stored
+from mos_model.networks.config import ModelConfig, differences
 from mos_model.training.distributed import Ranks
 from mos_model.training.recipe import TrainConfig
 from runtime.errors import CheckpointError
@@ -13,25 +13,21 @@ from runtime.errors import CheckpointError
 FREE = {"steps", "validate_every", "validation_streets", "validation_frames", "precision"}
 
 
-def check_start(start: dict[str, Any], model: ModelConfig, path: Path) -> None:
+def check_start(start: Stored, model: ModelConfig) -> None:
     """Refuse a checkpoint of another image network. Its name, sensor and point head may differ."""
-    found = ModelConfig.from_dict(start["config"])
-    comparable = replace(found, name=model.name, sensor=model.sensor, point_head=model.point_head)
-    if differences := differing_fields(comparable, model):
+    if found := differences(start.config, model, ignored=("name", "sensor", "point_head")):
         raise CheckpointError(
-            f"{path}: of another network (its own against the one to train): {'; '.join(differences)}"
+            f"{start.path}: of another network (its own against the one to train): {'; '.join(found)}"
         )
 
 
-def check_resumable(
-    previous: dict[str, Any], model: ModelConfig, config: TrainConfig, ranks: Ranks, path: Path
-) -> None:
+def check_resumable(previous: Stored, model: ModelConfig, config: TrainConfig, ranks: Ranks) -> None:
     """Refuse to go on with other settings than those that the run began with."""
-    training = previous["training"]
+    training = previous.training
     if "resume" not in training:
-        raise CheckpointError(f"{path}: was not written by training, so there is nothing to go on from")
+        raise CheckpointError(f"{previous.path}: was not written by training, so there is nothing to go on from")
     expected = model if config.stage == 2 else replace(model, point_head=None)
-    problems = differing_fields(ModelConfig.from_dict(previous["config"]), expected)
+    problems = differences(previous.config, expected)
     before, now = _flat(training["config"]), _flat(config.to_dict())
     problems += [
         f"{key}: {before[key]!r} against {now.get(key)!r}"
@@ -42,7 +38,7 @@ def check_resumable(
         problems.append(f"processes: {training['world']} against {ranks.world}")
     if problems:
         raise CheckpointError(
-            f"{path}: of a run with other settings (its own against those given): {'; '.join(problems)}. "
+            f"{previous.path}: of a run with other settings (its own against those given): {'; '.join(problems)}. "
             "Repeat its settings to resume it, or start anew from its weights (`init`)"
         )
 

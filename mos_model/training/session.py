@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -11,7 +10,6 @@ from mos_model.data.dataset import class_frequency
 from mos_model.data.kitti import RecordedFrames
 from mos_model.networks import checkpoint
 from mos_model.networks.config import ModelConfig
-from mos_model.networks.network import build_image_network
 from mos_model.training.distributed import Ranks
 from mos_model.training.losses import class_weights
 from mos_model.training.progress import Display
@@ -51,8 +49,8 @@ def run_training(
     out.mkdir(parents=True, exist_ok=True)
     with Display(out, log_every=log_every, quiet=ranks.rank > 0) as display:
         if previous:
-            check_resumable(previous, model, config, ranks, out / "last.pt")
-            weights = torch.tensor(previous["training"]["class_weights"])
+            check_resumable(previous, model, config, ranks)
+            weights = torch.tensor(previous.training["class_weights"])
         else:
             frequency = class_frequency(source, config.weight_samples)
             weights = torch.from_numpy(class_weights(frequency, config.class_weights))
@@ -60,7 +58,7 @@ def run_training(
         notes = {"data": data.to_dict()}
         trainer = Trainer(task, config, source, validation, out, ranks=ranks, workers=workers, notes=notes)
         if previous:
-            trainer.resume(previous["training"])
+            trainer.resume(previous.training)
         display.note(_describe(trainer, model, weights))
         return trainer.run(limits or Limits(), display)
 
@@ -69,7 +67,7 @@ def build_task(
     model: ModelConfig,
     config: TrainConfig,
     weights: Tensor,
-    start: dict[str, Any] | None,
+    start: checkpoint.Stored | None,
     path: Path | None,
     ranks: Ranks,
 ) -> Task:
@@ -78,16 +76,13 @@ def build_task(
     if config.stage == 1:
         task = ImageTask(model, weights, ranks.device)
         if path and start:
-            check_start(start, model, path)
-            checkpoint.load_state(task.trained, start["image_net"], f"{path}: image network")
+            check_start(start, model)
+            checkpoint.load_state(task.trained, start.image_net, f"{path}: image network")
         return task
     if start is None:
         raise SettingError("stage 2 trains the point head of a trained image network: give its checkpoint (`init`)")
-    where = path or Path("last.pt")
-    check_start(start, model, where)
-    image_net = build_image_network(model)
-    checkpoint.load_state(image_net, start["image_net"], f"{where}: image network")
-    return PointTask(model, image_net, weights, ranks.device)
+    check_start(start, model)
+    return PointTask(model, start.image_network(), weights, ranks.device)
 
 
 def _describe(trainer: Trainer, model: ModelConfig, weights: Tensor) -> str:

@@ -13,9 +13,9 @@ from runtime.head.refinement import Floats, PointHead
 from runtime.head.sparse.convolution import Layers, Packed, pack, padded
 from runtime.head.sparse.kernel_map import KernelMap, Scale, build_scales, neighbours, table_map, up_map
 from runtime.head.transfer import FeatureMap, classify, exchange
-from runtime.head.weights import checked, fold, layers
+from runtime.head.weights import checked, layers
 
-__all__ = ["FeatureMap", "PointHeadEngine", "fold"]
+__all__ = ["FeatureMap", "PointHeadEngine"]
 
 
 class _Maps(NamedTuple):
@@ -33,7 +33,7 @@ class PointHeadEngine(PointHead):
     """The engine of the processor: sorted voxel keys, kernel maps, and convolutions that read their rows in place."""
 
     def __init__(self, weights: Mapping[str, NDArray[np.generic]], config: PointHeadConfig, workers: Workers) -> None:
-        """`weights`: as `fold` returns them, float16 or float32. Raises BundleError where they do not fit."""
+        """`weights`: of `layers`, float16 or float32. Raises BundleError where they do not fit."""
         super().__init__(config, workers, padded(config.in_channels))
         values = checked(weights, config)
         self._weights: dict[str, tuple[Packed, int]] = {}  # and the multiply-adds of a pair

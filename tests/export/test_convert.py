@@ -10,9 +10,9 @@ import torch
 from onnx import numpy_helper
 
 from export import convert
-from export.bundle import parity, write
+from export.bundle import head_weights, parity, write
 from export.convert import export_checkpoint
-from mos_model.networks.checkpoint import save
+from mos_model.networks.checkpoint import load, save
 from mos_model.simulator import simulate
 from runtime.bundle.loading import load_bundle
 from runtime.errors import BundleError, CheckpointError, OutputError, ParityError, SettingError
@@ -87,15 +87,14 @@ def test_the_bundle_runs(first):
 
 
 def test_make_tiny_makes_the_committed_weights():
-    image_net, point_head = random_network(tiny_config())
-    stored = torch.load(TINY / "checkpoint.pt", weights_only=True)
-    for name, module in (("image_net", image_net), ("point_head", point_head)):
-        for key, value in module.state_dict().items():
-            torch.testing.assert_close(stored[name][key].to(value.dtype), value, atol=1e-3, rtol=1e-3)
+    stored = load(TINY / "checkpoint.pt")
+    for found, made in zip((stored.image_net, stored.point_head), random_network(tiny_config()), strict=True):
+        for key, value in made.state_dict().items():
+            torch.testing.assert_close(found.state_dict()[key], value, atol=1e-3, rtol=1e-3)
 
 
 def test_a_bundle_that_disagrees_is_not_kept(monkeypatch, tmp_path):
-    real = write.write_point_head
+    real = head_weights.write_point_head
 
     def spoilt(path, head, config, half):
         real(path, head, config, half)
@@ -197,8 +196,8 @@ def test_a_full_disk_leaves_the_earlier_bundle(tmp_path):
 
 def test_weights_beyond_float16_are_an_error():
     image_net, _ = random_network(tiny_config())
-    image_net.downCntx.conv1.weight.data[0] = 1e6
-    with pytest.raises(CheckpointError, match=r"downCntx\.conv1\.weight; keep float32"):
+    image_net.context[0].shortcut.weight.data[0] = 1e6
+    with pytest.raises(CheckpointError, match=r"context\.0\.shortcut\.weight; keep float32"):
         write.rounded_to_half(image_net, "test")
 
 
@@ -213,6 +212,7 @@ def test_values_that_are_not_finite_never_agree():
 
 
 def test_manifests_hold_plain_values_only():
-    kept = write.plain({"step": 3, "scores": [0.5, torch.zeros(1)], "average": torch.zeros(1), 1: None})
+    values = {"step": 3, "scores": [0.5, torch.zeros(1)], "average": torch.zeros(1), 1: None, "best": float("-inf")}
+    kept = write.plain(values)
     assert kept == {"step": 3, "scores": [0.5], "1": None}
     json.dumps(kept)

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 import torch
 
-from export.bundle.write import rounded_to_half, write_point_head
+from export.bundle.head_weights import write_point_head
+from export.bundle.write import rounded_to_half
 from export.checkpoint.published import understand
 from export.graph.image_graph import image_bytes
-from mos_model.networks.config import named_config
-from mos_model.networks.network import build_image_network, build_point_head
+from mos_model.networks.registry import named_config
 from runtime.bundle.head_shape import FULL, LITE
 from runtime.bundle.loading import Bundle
 from runtime.compute.sessions import open_session
 from runtime.compute.workers import Workers
 from runtime.head.numba_engine import PointHeadEngine
-from tests.support.published import reference_output, reference_state
+from tests.support.published import reference_head, reference_output, reference_state
 
 TOLERANCE = 1e-5  # of a probability; the gate of the export is 1e-4
 SHAPE = (1, 13, 64, 256)
@@ -54,9 +54,8 @@ def test_another_seed_and_rounded_weights(half, tmp_path):
 @pytest.mark.parametrize(("kind", "config"), [("full", FULL), ("lite", LITE)])
 def test_published_point_heads(kind, config, tmp_path):
     reference = reference_output(f"point_head_{kind}")
-    head = build_point_head(named_config("v2", point_head=config))
-    head.load_state_dict(reference_state(f"point_head_{kind}"))
-    write_point_head(tmp_path / "point_head.npz", head.eval(), config, half=False)
+    head = reference_head(kind)
+    write_point_head(tmp_path / "point_head.npz", head, config, half=False)
     got = refined(tmp_path, config, reference["xyz"].numpy(), reference["point_features"].numpy())
     np.testing.assert_allclose(got, reference["probabilities"], atol=TOLERANCE, rtol=0)
 
@@ -65,9 +64,7 @@ def test_published_point_heads(kind, config, tmp_path):
 def test_a_point_head_of_another_seed_and_rounded_weights(half, tmp_path):
     reference = reference_output("point_head_lite")
     xyz, features = reference["xyz"][:2000] + 1, reference["point_features"][:2000]
-    head = build_point_head(named_config("v2-lite"))
-    head.load_state_dict(reference_state("point_head_lite", 7))
-    head.eval()
+    head = reference_head("lite", 7)
     if half:
         rounded_to_half(head, "test")
     write_point_head(tmp_path / "point_head.npz", head, LITE, half)
@@ -85,5 +82,5 @@ def refined(folder, config, xyz, features):
 
 def test_the_same_network_gives_the_same_bytes():
     torch.manual_seed(0)
-    network = build_image_network(named_config("v1", 4)).eval()
+    network = named_config("v1", 4).build_image_network().eval()
     assert image_bytes(network, (1, 13, 32, 64)) == image_bytes(network, (1, 13, 32, 64))

@@ -9,8 +9,7 @@ import pytest
 import torch
 
 from mos_model.networks import checkpoint
-from mos_model.networks.config import named_config
-from mos_model.networks.network import build_image_network, build_point_head
+from mos_model.networks.registry import named_config
 from mos_model.publish import BINS, QUIET, Histogram, calibrate, data_of, publish
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.sensors.range_image import RangeImage
@@ -62,8 +61,8 @@ def test_what_weights_were_trained_on_is_what_the_run_says(data, words):
 
 def test_published_checkpoint(tmp_path):
     torch.manual_seed(0)
-    config = named_config("rt-head", 4, rt_widths=(4, 4, 4, 4), point_head=HEAD, sensor=RangeImage(height=16, width=64))
-    network, head = build_image_network(config), build_point_head(config)
+    config = named_config("rt-head", 4, widths=(4, 4, 4, 4), point_head=HEAD, sensor=RangeImage(height=16, width=64))
+    network, head = config.build_image_network(), config.build_point_head()
     checkpoint.save(tmp_path / "last.pt", config, network, head, {"step": 7})
     publish(tmp_path / "last.pt", tmp_path / "ship" / "checkpoint.pt", streets=1, name="small", licence="MIT")
     found = checkpoint.load(tmp_path / "ship" / "checkpoint.pt")
@@ -76,7 +75,7 @@ def test_published_checkpoint(tmp_path):
     assert found.training["head_threshold"] == points.best_threshold(QUIET)[0]
     assert points.counts.sum() > pixels.counts.sum() > 0
     stored = checkpoint.read(tmp_path / "ship" / "checkpoint.pt")
-    assert {v.dtype for v in stored["image_net"].values() if v.is_floating_point()} == {torch.float16}
+    assert {v.dtype for v in stored.image_net.values() if v.is_floating_point()} == {torch.float16}
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from mos_model import train
 from mos_model.networks import checkpoint
-from mos_model.networks.config import ModelConfig
+from mos_model.networks.registry import read_config
 from runtime.commands.handler import run_alone
 from runtime.errors import CheckpointError, SequenceError, SettingError
 from runtime.sensors.registry import find_sensor
@@ -63,7 +63,7 @@ def test_both_stages_on_recordings(root, tmp_path):
     out = tmp_path / "image"
     run(*base(root, out, "--config", "v2-lite", "--steps", 3))
     first = checkpoint.load(out / "best.pt")
-    assert first.config == ModelConfig.from_dict(first.config.to_dict())
+    assert first.config == read_config(first.config.to_dict())
     assert (first.config.channels, first.config.point_head, first.config.sensor.height) == (4, None, 16)
     assert first.training["config"]["crop"] == 32
     assert first.training["data"] == {
@@ -119,7 +119,7 @@ def test_resume_goes_on_and_refuses_other_settings(root, tmp_path):
 
 def test_a_start_from_another_network_is_refused(root, tmp_path):
     run(*base(root, tmp_path / "a", "--config", "rt", "--set", "model.rt_widths=[4,8]", "--steps", 1))
-    with pytest.raises(CheckpointError, match=r"of another network.*network: 'rt' against 'lmnet'"):
+    with pytest.raises(CheckpointError, match=r"of another network.*kind: 'rt' against 'lmnet'"):
         run(*base(root, tmp_path / "b", "--config", "lmnet", "--init", tmp_path / "a" / "last.pt"))
 
 
@@ -146,7 +146,7 @@ def test_settings():
     assert train.parse_setting("schedule=cosine") == ("schedule", "cosine")
     with pytest.raises(typer.BadParameter, match="name=value"):
         train.parse_setting("steps")
-    with pytest.raises(SettingError, match="unknown setting colour"):
+    with pytest.raises(SettingError, match="unknown entry colour"):
         run("--set", "model.colour=1")
     with pytest.raises(typer.BadParameter, match="no group"):
         train.set_nested({"depth": 3}, ["depth", "x"], 1)

@@ -8,8 +8,7 @@ from export.graph.graph import Graph
 from export.graph.image_graph import Outputs, trace
 from export.graph.rewrite import fold_norms
 from export.graph.serialise import onnx_bytes
-from mos_model.networks.config import named_config
-from mos_model.networks.network import build_image_network
+from mos_model.networks.registry import named_config
 from runtime.compute.sessions import open_session
 from tests.support.models import randomise
 
@@ -29,7 +28,7 @@ def image(seed=0, shape=SHAPE):
 
 def network(name="v1", channels=4):
     torch.manual_seed(0)
-    net = randomise(build_image_network(named_config(name, channels)))
+    net = randomise(named_config(name, channels).build_image_network())
     for part in net.modules():
         if isinstance(part, nn.BatchNorm2d):
             part.weight.data.abs_()

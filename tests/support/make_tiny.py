@@ -16,8 +16,8 @@ from torch import nn
 
 from export.convert import export_checkpoint
 from mos_model.networks.checkpoint import load, save
-from mos_model.networks.config import ModelConfig, named_config
-from mos_model.networks.network import build_image_network, build_point_head
+from mos_model.networks.config import ModelConfig
+from mos_model.networks.registry import named_config
 from mos_model.simulator.write import write_dataset
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.bundle.residual import HISTORY
@@ -39,7 +39,7 @@ def tiny_config() -> ModelConfig:
 def random_network(config: ModelConfig) -> tuple[nn.Module, nn.Module | None]:
     """Modules with random weights, BatchNorms with random statistics (so that a test can see their folding)."""
     torch.manual_seed(SEED)
-    image_net, point_head = build_image_network(config), build_point_head(config)
+    image_net, point_head = config.build_image_network(), config.build_point_head()
     for part in (image_net, point_head):
         for module in part.modules() if part is not None else ():
             if isinstance(module, nn.modules.batchnorm._BatchNorm):

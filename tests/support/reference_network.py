@@ -20,7 +20,7 @@ def soft_pool(x: np.ndarray) -> np.ndarray:
 
 def meta_kernel(weights: dict[str, Tensor], x: Tensor, features: Tensor) -> Tensor:
     """One image: x (5, H, W), features (c, H, W) -> (c, H, W), pixel by pixel."""
-    matrices = {name: weights[f"{name}.weight"].flatten(1) for name in ("conv1", "conv2", "conv1x1")}
+    matrices = {name: weights[f"{name}.weight"].flatten(1) for name in ("weigh1", "weigh2", "join")}
     c, height, width = features.shape
     out = torch.empty_like(features)
     for row, column in np.ndindex(height, width):
@@ -29,11 +29,11 @@ def meta_kernel(weights: dict[str, Tensor], x: Tensor, features: Tensor) -> Tens
             r, k = row + dr, column + dc
             inside = 0 <= r < height and 0 <= k < width
             neighbour = x[:, r, k] if inside else torch.zeros_like(x[:, 0, 0])
-            hidden = matrices["conv1"] @ (neighbour - x[:, row, column]) + weights["conv1.bias"]
+            hidden = matrices["weigh1"] @ (neighbour - x[:, row, column]) + weights["weigh1.bias"]
             hidden = torch.where(hidden > 0, hidden, 0.01 * hidden)
-            weight = matrices["conv2"] @ hidden + weights["conv2.bias"]
+            weight = matrices["weigh2"] @ hidden + weights["weigh2.bias"]
             products[:, j] = weight * features[:, r, k] if inside else 0
-        out[:, row, column] = matrices["conv1x1"] @ products.flatten() + weights["conv1x1.bias"]
+        out[:, row, column] = matrices["join"] @ products.flatten() + weights["join.bias"]
     return out
 
 

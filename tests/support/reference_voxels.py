@@ -4,18 +4,23 @@ import importlib.util
 
 import numpy as np
 
+from export.bundle.head_weights import has_norm, is_linear
+from export.checkpoint.key_map import head_modules, under_our_names
+from runtime.bundle.head_shape import FULL, LITE
+from runtime.head.weights import layers
 from tests.support.paths import PUBLISHED
 
 CUBE3 = [(x, y, z) for z in (-1, 0, 1) for y in (-1, 0, 1) for x in (-1, 0, 1)]  # x fastest
 CUBE2 = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]  # z fastest
 
 
-def published_weights(network, seed=2026):
-    """Reference weights of `tests/data/published`: network "point_head_full" or "point_head_lite"."""
+def published_weights(name, seed=2026):
+    """Reference weights of a published head ("full" or "lite"), under our names."""
     spec = importlib.util.spec_from_file_location("reference_weights", PUBLISHED / "reference_weights.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.reference_state_dict(network, seed)
+    state = module.reference_state_dict(f"point_head_{name}", seed)
+    return under_our_names(state, head_modules({"full": FULL, "lite": LITE}[name]))
 
 
 def voxelise(xyz, size, valid):
@@ -98,7 +103,7 @@ def points_to_voxels(features, stride):
 
 
 class Head:
-    """The whole head in evaluation mode, from a published state dict."""
+    """The whole head in evaluation mode, from the state dict of a `PointHead`."""
 
     def __init__(self, weights, config):
         self.weights = {key: np.asarray(value, np.float64) for key, value in weights.items()}
@@ -111,18 +116,18 @@ class Head:
 
     def residual(self, features, at, stride):
         kernel = self.weights
-        x = self.norm(conv3(features, kernel[f"{at}.net.0.kernel"], stride), f"{at}.net.1")
-        x = self.norm(conv3(relu(x), kernel[f"{at}.net.3.kernel"], stride), f"{at}.net.4")
+        x = self.norm(conv3(features, kernel[f"{at}.conv1.kernel"], stride), f"{at}.conv1.norm")
+        x = self.norm(conv3(relu(x), kernel[f"{at}.conv2.kernel"], stride), f"{at}.conv2.norm")
         shortcut = features
-        if f"{at}.downsample.0.kernel" in kernel:
-            shortcut = {v: row @ kernel[f"{at}.downsample.0.kernel"] for v, row in features.items()}
-            shortcut = self.norm(shortcut, f"{at}.downsample.1")
+        if f"{at}.shortcut.kernel" in kernel:
+            shortcut = {v: row @ kernel[f"{at}.shortcut.kernel"] for v, row in features.items()}
+            shortcut = self.norm(shortcut, f"{at}.shortcut.norm")
         return relu({v: x[v] + shortcut[v] for v in x})
 
     def points(self, features, i):
         at = f"point_transforms.{i}"
-        weight, bias = self.weights[f"{at}.0.weight"], self.weights[f"{at}.0.bias"]
-        return relu(self.norm({v: row @ weight.T + bias for v, row in features.items()}, f"{at}.1"))
+        weight, bias = self.weights[f"{at}.weight"], self.weights[f"{at}.bias"]
+        return relu(self.norm({v: row @ weight.T + bias for v, row in features.items()}, f"{at}.norm"))
 
     def exchange(self, x, z, i, stride):
         new = self.points(z, i)
@@ -133,16 +138,16 @@ class Head:
     def __call__(self, features):
         """{voxel: feature row} of stride 1 -> {voxel: probabilities}."""
         w, config, depth = self.weights, self.config, len(self.config.down)
-        x = z = relu(self.norm(conv3(features, w["stem.0.kernel"], 1), "stem.1"))
+        x = z = relu(self.norm(conv3(features, w["stem.kernel"], 1), "stem.norm"))
         skips = [x]
         for i in range(1, depth + 1):
-            x = relu(self.norm(down(x, w[f"stage{i}.0.net.0.kernel"], 2 ** (i - 1)), f"stage{i}.0.net.1"))
+            x = relu(self.norm(down(x, w[f"stage{i}.0.kernel"], 2 ** (i - 1)), f"stage{i}.0.norm"))
             x = self.residual(self.residual(x, f"stage{i}.1", 2**i), f"stage{i}.2", 2**i)
             skips.append(x)
         x, z = self.exchange(x, z, 0, 2**depth)
         for i in range(1, depth + 1):
             stride, skip = 2 ** (depth - i), skips[depth - i]
-            x = relu(self.norm(up(x, w[f"up{i}.0.net.0.kernel"], stride, skip), f"up{i}.0.net.1"))
+            x = relu(self.norm(up(x, w[f"up{i}.0.kernel"], stride, skip), f"up{i}.0.norm"))
             x = {v: np.concatenate((x[v], skip[v])) for v in x}
             x = self.residual(self.residual(x, f"up{i}.1.0", stride), f"up{i}.1.1", stride)
             if i == config.fuse_after_up:
@@ -151,7 +156,7 @@ class Head:
         return {v: self.softmax(x[v] + last[v]) for v in x}
 
     def softmax(self, row):
-        logits = row @ self.weights["classifier.0.weight"].T + self.weights["classifier.0.bias"]
+        logits = row @ self.weights["classifier.weight"].T + self.weights["classifier.bias"]
         exponents = np.exp(logits - logits.max())
         return exponents / exponents.sum()
 
@@ -175,26 +180,25 @@ def refine(weights, config, xyz, valid, features):
 
 
 def random_weights(config, seed=0):
-    """A published state dict for any configuration, with gains that keep the features' size."""
-    from runtime.head.weights import layers
-
+    """A state dict for any configuration, with gains that keep the features' size."""
     rng = np.random.default_rng(seed)
     weights = {}
     for layer in layers(config):
-        shape = layer.shape[::-1] if layer.linear else layer.shape
+        linear, norm = is_linear(layer), f"{layer.name}.norm"
+        shape = layer.shape[::-1] if linear else layer.shape
         spread = 1 / np.sqrt(sum(layer.inputs) * max(1, layer.offsets / 4))
-        weights[layer.source] = rng.normal(0, spread, shape).astype(np.float32)
-        if layer.linear:
-            weights[layer.source.replace("weight", "bias")] = rng.normal(0, 0.1, layer.outputs).astype(np.float32)
-        if layer.norm:
+        weights[f"{layer.name}.{'weight' if linear else 'kernel'}"] = rng.normal(0, spread, shape).astype(np.float32)
+        if linear:
+            weights[f"{layer.name}.bias"] = rng.normal(0, 0.1, layer.outputs).astype(np.float32)
+        if has_norm(layer):
             for name, values in {
                 "weight": rng.uniform(0.8, 1.2, layer.outputs),
                 "bias": rng.normal(0, 0.1, layer.outputs),
                 "running_mean": rng.normal(0, 0.1, layer.outputs),
                 "running_var": rng.uniform(0.8, 1.2, layer.outputs),
             }.items():
-                weights[f"{layer.norm}.{name}"] = values.astype(np.float32)
-            weights[f"{layer.norm}.num_batches_tracked"] = np.int64(7)
+                weights[f"{norm}.{name}"] = values.astype(np.float32)
+            weights[f"{norm}.num_batches_tracked"] = np.int64(7)
     return weights
 
 

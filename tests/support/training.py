@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from mos_model.data.dataset import Sample
-from mos_model.networks.config import ModelConfig, named_config
+from mos_model.networks.config import ModelConfig
+from mos_model.networks.registry import named_config
 from runtime.sensors.range_image import RangeImage
 
 SENSOR = RangeImage(height=16, width=64, fov_up=16, fov_down=-16)
@@ -14,7 +15,7 @@ SENSOR = RangeImage(height=16, width=64, fov_up=16, fov_down=-16)
 
 def tiny_model(name: str = "rt", channels: int = 4, sensor: RangeImage = SENSOR) -> ModelConfig:
     """A network that trains in no time."""
-    changes = {"rt_widths": (4, 8, 8)} if name == "rt" else {}
+    changes = {"widths": (4, 8, 8)} if name == "rt" else {}
     return named_config(name, channels, sensor=sensor, **changes)
 
 

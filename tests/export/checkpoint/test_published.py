@@ -6,11 +6,18 @@ import pytest
 import torch
 from torch import nn
 
+from export.checkpoint.key_map import (
+    UNUSED_PREFIXES,
+    head_modules,
+    image_modules,
+    published_names,
+    under_our_names,
+)
 from export.checkpoint.published import understand
 from export.checkpoint.reader import read_tensors
 from mos_model.networks import checkpoint
-from mos_model.networks.config import named_config
-from mos_model.networks.network import UNUSED_PREFIXES, build_image_network, build_point_head
+from mos_model.networks.point_head import PointHead
+from mos_model.networks.registry import named_config
 from runtime.bundle.head_shape import FULL, LITE, PointHeadConfig
 from runtime.bundle.residual import Residual
 from runtime.errors import CheckpointError, SettingError
@@ -24,12 +31,18 @@ SMALL = {
 
 def small_state(name, **changes):
     """A network of 4 channels and its weights, random also where initialisation is not."""
-    network = build_image_network(named_config(name, 4, **changes))
-    return randomised(network)
+    config = named_config(name, 4, **changes)
+    return published(randomised(config.build_image_network()), image_modules(config.kind))
 
 
 def small_head(name):
-    return randomised(build_point_head(named_config(name, 4, point_head=SMALL[name])))
+    return published(randomised(PointHead(SMALL[name])), head_modules(SMALL[name]))
+
+
+def published(state, modules):
+    """A state dict of ours under the published names."""
+    names = published_names(state, modules)
+    return {names[key]: value for key, value in state.items()}
 
 
 def published_state(network):
@@ -62,8 +75,14 @@ def write(path, content):
 
 
 def assert_loaded(network: nn.Module, state):
+    """Whether a network holds what a published state dict holds."""
+    if isinstance(network, PointHead):
+        state = under_our_names(state, head_modules(network.config))
+    else:
+        state = under_our_names(state, image_modules("dual" if "logits3.weight" in state else "lmnet"))
     own = network.state_dict()
     assert not network.training
+    assert own.keys() == state.keys()
     for key, value in own.items():
         assert torch.equal(value, state[key]), key
 
@@ -243,13 +262,14 @@ def test_weights_that_are_not_finite_are_an_error(tmp_path):
 
 def test_our_own_checkpoint(tmp_path):
     config = named_config("v2-lite", 4, point_head=SMALL["v2-lite"])
-    image_net, head = build_image_network(config), build_point_head(config)
+    image_net, head = config.build_image_network(), config.build_point_head()
     training = {"step": 5, "optimizer": {"momentum": torch.ones(2)}}
     checkpoint.save(tmp_path / "own", config, image_net, head, training)
     read = read_checkpoint(tmp_path / "own")
     assert read.config == config
-    assert_loaded(read.image_net, image_net.state_dict())
-    assert_loaded(read.point_head, head.state_dict())
+    for found, made in ((read.image_net, image_net), (read.point_head, head)):
+        assert not found.training
+        assert all(torch.equal(value, made.state_dict()[key]) for key, value in found.state_dict().items())
     assert read.kind == "checkpoint of lidar-mos"
     assert read.training["step"] == 5
     with pytest.raises(CheckpointError, match=r"leave out .*`network`"):

@@ -8,8 +8,7 @@ import torch
 from export.graph.blocked_forms import BlockedMetaKernel, BlockedSoftPool, with_blocked_forms
 from export.int8.integer_forms import IntegerMetaKernel
 from mos_model.networks.blocks import MetaKernel, SoftPool
-from mos_model.networks.config import named_config
-from mos_model.networks.network import build_image_network
+from mos_model.networks.registry import named_config
 from tests.support.models import randomise
 
 
@@ -29,7 +28,7 @@ def test_meta_kernel(form):
 
 
 def test_a_network_is_copied_and_every_block_replaced():
-    network = randomise(build_image_network(named_config("v1", 4)))
+    network = randomise(named_config("v1", 4).build_image_network())
     before = copy.deepcopy(network.state_dict())
     blocked = with_blocked_forms(network)
     kinds = [type(module) for module in blocked.modules()]

@@ -7,28 +7,21 @@ import onnx
 import pytest
 import torch
 
-from export.bundle.write import head_arrays, rounded_to_half
+from export.bundle.head_weights import fold, head_arrays
+from export.bundle.write import rounded_to_half
 from export.graph.head_graph import head_bytes
-from mos_model.networks.config import named_config
-from mos_model.networks.network import build_point_head
 from mos_model.networks.point_head import PointHead
 from runtime.bundle.head_shape import FULL, LITE, SMALL, PointHeadConfig
 from runtime.compute.workers import Workers
 from runtime.errors import BundleError, InferenceError
-from runtime.head.numba_engine import FeatureMap, PointHeadEngine, fold
+from runtime.head.numba_engine import FeatureMap, PointHeadEngine
 from runtime.head.onnx_engine import OnnxHead
 from tests.support import reference_voxels as reference
-from tests.support.published import reference_output, reference_state
+from tests.support.published import reference_head, reference_output
 
 TOLERANCE = 1e-5  # of a probability; the gate of the export is 1e-4
 ODD = PointHeadConfig(in_channels=5, down=(6, 20), up=(17, 9), fuse_after_up=None)
 DEEP = PointHeadConfig(in_channels=8, down=(8, 12, 16), up=(12, 16, 8), fuse_after_up=1, voxel_size=0.1)
-
-
-def published(name, config, seed=2026):
-    head = build_point_head(named_config("v2", point_head=config))
-    head.load_state_dict(reference_state(f"point_head_{name}", seed))
-    return head.eval()
 
 
 def onnx_head(tmp_path, weights, config, threads=2):
@@ -63,7 +56,7 @@ def scan(config, seed=0, count=700, extent=3.0):
 def test_published_networks(name, config, tmp_path):
     want = reference_output(f"point_head_{name}")
     xyz, features = want["xyz"].numpy(), want["point_features"].numpy()
-    head = onnx_head(tmp_path, head_arrays(published(name, config), config, half=False), config)
+    head = onnx_head(tmp_path, head_arrays(reference_head(name), config, half=False), config)
     valid = np.ones(len(xyz), bool)
     found = head.refine(xyz, valid, features)
     np.testing.assert_allclose(found, want["probabilities"], atol=TOLERANCE, rtol=0)

@@ -9,8 +9,7 @@ from torch.nn import functional as F
 from export.graph.blocked_forms import with_blocked_forms
 from export.graph.image_graph import Outputs, trace
 from export.graph.rewrite import trim_kernels
-from mos_model.networks.config import named_config
-from mos_model.networks.network import build_image_network
+from mos_model.networks.registry import named_config
 from tests.support.graphs import Two, check, run
 from tests.support.models import randomise
 
@@ -55,7 +54,7 @@ def test_rows_and_columns_of_zeros_are_cut(taps, size):
 
 
 def test_the_geometry_of_the_meta_kernel_has_small_kernels():
-    graph = trace(with_blocked_forms(Outputs(randomise(build_image_network(named_config("v1", 4))))), (1, 13, 32, 64))
+    graph = trace(with_blocked_forms(Outputs(randomise(named_config("v1", 4).build_image_network()))), (1, 13, 32, 64))
     trim_kernels(graph)
     sizes = [n.attributes["kernel_shape"] for n in graph.nodes if n.op == "Conv" and "near" in n.inputs[1]]
     assert sorted(sizes) == [[1, 2]] * 2 + [[2, 1]] * 2 + [[2, 2]] * 4

@@ -28,9 +28,10 @@ def test_kernels_have_seven_bits_and_a_scale_for_each_output():
 
 
 def test_first_last_and_meta_kernel_geometry_stay_in_float(prepared):
-    assert "logits3" not in prepared.layers
-    assert "downCntx.conv1" not in prepared.layers
+    assert "logits" not in prepared.layers
+    assert "context.0.shortcut" not in prepared.layers
     assert not any("near" in layer for layer in prepared.layers)
-    assert {"downCntx.conv2", "metaConv.conv2", "metaConv.joined", "upBlock4.conv4"} <= set(prepared.layers)
-    assert len(prepared.layers["metaConv.joined"]) == 2
-    assert len(prepared.layers["metaConv.conv2"]) == 8
+    assert {"context.0.first.conv", "meta_kernel.weigh2", "meta_kernel.joined"} <= set(prepared.layers)
+    assert "decoder.3.join.conv" in prepared.layers
+    assert len(prepared.layers["meta_kernel.joined"]) == 2
+    assert len(prepared.layers["meta_kernel.weigh2"]) == 8

@@ -11,7 +11,7 @@ from export.graph.rewrite import fold_norms
 from export.int8.calibration import floating, halves_of
 from export.int8.integer_forms import with_integer_forms
 from export.int8.shifts import Halves, carry_shifts, shift_of, to_relu
-from mos_model.networks.network import ImageOutput
+from mos_model.networks.image_output import ImageOutput
 from tests.support.graphs import SHAPE, image, network, run
 from tests.support.models import randomise
 

@@ -3,7 +3,7 @@ import pytest
 import torch
 from torch import nn
 
-from mos_model.networks.blocks import MetaKernel, ResBlock, SoftPool, UpBlock, motion_guided_attention, pooling
+from mos_model.networks.blocks import POOLINGS, MetaKernel, MotionGuidedAttention, ResBlock, SoftPool, UpBlock
 from tests.support import reference_network as reference
 
 
@@ -34,7 +34,7 @@ def test_soft_pool_gradient() -> None:
 
 
 def test_average_pool_counts_its_padding() -> None:
-    out = pooling("average")(torch.ones(1, 1, 4, 4))
+    out = POOLINGS["average"]()(torch.ones(1, 1, 4, 4))
     assert out.flatten().tolist() == pytest.approx([4 / 9, 6 / 9, 6 / 9, 1])
 
 
@@ -62,10 +62,11 @@ def test_meta_kernel_gradient() -> None:
 
 def test_attention_is_the_papers() -> None:
     generator = torch.Generator().manual_seed(5)
-    spatial, channel_wise = nn.Conv2d(6, 1, 1), nn.Conv2d(6, 6, 1)
+    attention = MotionGuidedAttention(6)
+    spatial, channel_wise = attention.spatial, attention.channel_wise
     a, m = torch.randn(2, 3, 6, 4, 8, generator=generator)
     with torch.no_grad():
-        out = motion_guided_attention(a, m, spatial, channel_wise)
+        out = attention(a, m)
         biases = (spatial.bias, channel_wise.bias)
         for i in range(3):
             expected = reference.attention(

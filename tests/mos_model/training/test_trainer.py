@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from mos_model.networks import checkpoint
-from mos_model.networks.config import NAMES
+from mos_model.networks.registry import names
 from mos_model.training.distributed import Ranks, join_ranks
 from mos_model.training.progress import Display
 from mos_model.training.recipe import TrainConfig, recipe
@@ -90,13 +90,13 @@ def test_short_pieces_equal_an_uninterrupted_run_bit_for_bit(tmp_path):
         with torch.no_grad():
             for parameter in trainer.task.trained.parameters():
                 parameter.add_(1)
-        trainer.resume(checkpoint.read(tmp_path / "pieces" / "last.pt")["training"])
+        trainer.resume(checkpoint.read(tmp_path / "pieces" / "last.pt").training)
         assert trainer.step == step
         run(trainer, Limits(minutes=0))
     whole, pieces = (checkpoint.read(tmp_path / name / "last.pt") for name in ("whole", "pieces"))
-    assert whole["training"]["step"] == 6
-    assert equal_states(whole["image_net"], pieces["image_net"])
-    assert equal_states(whole["training"], pieces["training"])
+    assert whole.training["step"] == 6
+    assert equal_states(whole.image_net, pieces.image_net)
+    assert equal_states(whole.training, pieces.training)
 
 
 def first_batches(trainer: Trainer, count: int) -> list:
@@ -155,7 +155,7 @@ def test_a_full_disk_leaves_the_old_checkpoint(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["last.pt"]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", names())
 def test_every_configuration_trains(name, tmp_path):
     trainer = make_trainer(tmp_path, replace(BASE, batch=2), name=name)
     loss = trainer.take_step(Patches().group(0)[:2], Confusion())

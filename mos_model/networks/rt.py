@@ -6,17 +6,44 @@ pooling; the first one halves the width, and the logits of two neighbouring colu
 neighbours on the way up; skips are added, not concatenated; the channel gate is a sigmoid; residuals are clipped.
 """
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
-from mos_model.networks.config import ModelConfig
-from mos_model.networks.network import ImageOutput
+from mos_model.networks.config import SCAN_CHANNELS, ModelConfig
+from mos_model.networks.image_output import ImageOutput
+from runtime.bundle.head_shape import SMALL
+from runtime.bundle.residual import Residual
 from runtime.classes import CLASSES
+from runtime.errors import SettingError
 
-WIDTHS = (16, 32, 64, 128)  # channels at 1/1, 1/2, 1/4 and 1/8 of the height
 CLIP = 1.0  # residuals beyond +-CLIP say no more than CLIP
+
+
+@dataclass(frozen=True)
+class RealtimeConfig(ModelConfig):
+    """The network of the default bundle."""
+
+    kind: ClassVar[str] = "rt"
+    named: ClassVar[Mapping[str, Mapping[str, Any]]] = {"rt": {}, "rt-head": {"point_head": SMALL}}
+    channels_last: ClassVar[bool] = True  # by a sixth
+
+    name: str = "rt"
+    residual: Residual = field(default_factory=lambda: Residual(kind="signed"))
+    widths: tuple[int, ...] = (16, 32, 64, 128)  # channels of the stages: at 1/1, 1/2, 1/4 and 1/8 of the height
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.widths or min(self.widths) < 1:
+            raise SettingError(f"widths must be the channels of at least one stage, not {self.widths!r}")
+
+    def build_image_network(self) -> nn.Module:
+        """See `ModelConfig`."""
+        return RealtimeNet(self)
 
 
 def conv(i: int, o: int, kernel: int | tuple[int, int] = 3, stride: int | tuple[int, int] = 1) -> nn.Sequential:
@@ -36,7 +63,8 @@ class Residual3x3(nn.Module):
         self.bn2 = nn.BatchNorm2d(c)
 
     def forward(self, x: Tensor) -> Tensor:
-        return torch.relu(x + self.bn2(self.conv2(self.conv1(x))))  # (B, c, H, W)
+        a: Tensor = self.bn2(self.conv2(self.conv1(x)))  # (B, c, H, W)
+        return torch.relu(x + a)  # (B, c, H, W)
 
 
 class Attention(nn.Module):
@@ -63,17 +91,18 @@ class Up(nn.Module):
 
     def forward(self, x: Tensor, skip: Tensor) -> Tensor:
         up = nn.functional.interpolate(self.reduce(x), scale_factor=2.0, mode="nearest")  # (B, o, 2H, 2W)
-        return self.conv(torch.relu(up + skip))  # (B, o, 2H, 2W)
+        joined: Tensor = self.conv(torch.relu(up + skip))  # (B, o, 2H, 2W)
+        return joined
 
 
 class RealtimeNet(nn.Module):
     """Image network of configuration "rt"."""
 
-    def __init__(self, config: ModelConfig) -> None:
+    def __init__(self, config: RealtimeConfig) -> None:
         super().__init__()
-        widths = config.rt_widths or WIDTHS
+        widths = config.widths
         first, features = widths[0], config.channels
-        self.range_stem = conv(5, first, (3, 5), (1, 2))
+        self.range_stem = conv(SCAN_CHANNELS, first, (3, 5), (1, 2))
         self.range_refine = conv(first, first)
         self.motion_stem = conv(len(config.residual.lags), first, (3, 5), (1, 2))
         pairs = list(pairwise(widths))
@@ -97,8 +126,8 @@ class RealtimeNet(nn.Module):
 
     def decode(self, image: Tensor) -> Tensor:
         """From the image to the decoder's last map (B, w0, H, W/2)."""
-        a = self.range_refine(self.range_stem(image[:, :5]))  # (B, w0, H, W/2)
-        m = self.motion_stem(image[:, 5:].clamp(-CLIP, CLIP))  # (B, w0, H, W/2)
+        a = self.range_refine(self.range_stem(image[:, :SCAN_CHANNELS]))  # (B, w0, H, W/2)
+        m = self.motion_stem(image[:, SCAN_CHANNELS:].clamp(-CLIP, CLIP))  # (B, w0, H, W/2)
         a = self.attention[0](a, m)
         skips = [a]
         stages = zip(
@@ -113,7 +142,7 @@ class RealtimeNet(nn.Module):
             m = motion_block(motion_down(m))  # (B, w, H/2, W/4), then 1/4, 1/8 of the height
             a = attention(range_block(range_down(a)), m)  # the same shape
             skips.append(a)
-        x = self.middle(skips.pop())  # (B, w3, H/8, W/16)
+        x: Tensor = self.middle(skips.pop())  # (B, w3, H/8, W/16)
         for up, skip in zip(self.up, reversed(skips), strict=True):
             x = up(x, skip)  # ... (B, w0, H, W/2)
         return x
