@@ -1,8 +1,10 @@
 """Configurations by name and from files; a new network is one file and one line."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -25,7 +27,6 @@ from runtime.errors import SettingError
 from runtime.runner import MosRunner
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.registry import SENSORS
-from tests.support.dummy_network import DummyConfig
 from tests.support.training import SENSOR, Patches
 
 
@@ -103,11 +104,15 @@ def test_missing_keys_take_defaults() -> None:
     assert read_config({"name": "v1"}) == DualConfig()
 
 
-def test_a_new_network_trains_exports_and_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The line in the registry is all that the rest of the product needs."""
-    monkeypatch.setitem(registry.NETWORKS, DummyConfig.kind, DummyConfig)
-    config = named_config("dummy-5x5", channels=4, sensor=SENSOR)
-    assert "dummy" in names()
+def test_a_new_network_is_one_file(
+    contributed: Callable[[str], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As CONTRIBUTING says: it trains, is exported and runs."""
+    new = contributed("mos_model/networks/pixel.py").PixelConfig
+    monkeypatch.setitem(registry.NETWORKS, new.kind, new)
+    config = named_config("pixel-wide", channels=4, sensor=SENSOR)
+    assert config.to_dict()["size"] == 5
+    assert {"pixel", "pixel-wide"} < set(names())
     task = ImageTask(config, torch.tensor([0.0, 1.0, 3.0]), torch.device("cpu"))
     before = task.trained.state_dict()["logits.weight"].clone()
     steps = recipe("sim2real", steps=2, batch=2, crop=0, mix=1)
@@ -117,11 +122,11 @@ def test_a_new_network_trains_exports_and_runs(tmp_path: Path, monkeypatch: pyte
     found = checkpoint.load(tmp_path / "last.pt")
     assert found.config == config
     assert not torch.equal(found.image_net.state_dict()["logits.weight"], before)
-    # A tenth of the columns, to be quick.
+    # A tenth of the sensor's columns, to be quick.
     thin = replace(SENSORS["hdl64e"], azimuth_steps=200)
     monkeypatch.setattr(parity, "simulate", lambda seed, frames, _, **more: simulate(seed, frames, thin, **more))
-    done = export_checkpoint(tmp_path / "last.pt", tmp_path / "bundle")
-    assert done.bundle.manifest.model["kind"] == "dummy"
-    runner = MosRunner(tmp_path / "bundle", threads=1)
-    points = np.random.default_rng(0).uniform(-20, 20, (500, 4)).astype(np.float32)
-    assert runner(points, np.eye(4)).moving.shape == (500,)
+    made = export_checkpoint(tmp_path / "last.pt", tmp_path / "bundle").bundle.manifest
+    assert (made.network, read_config(made.model)) == ("pixel", config)
+    with MosRunner(tmp_path / "bundle", threads=1) as runner:
+        points = np.random.default_rng(0).uniform(-20, 20, (500, 4)).astype(np.float32)
+        assert runner(points, np.eye(4)).moving.shape == (500,)
