@@ -9,7 +9,7 @@ import torch
 from export.bundle.head_weights import head_arrays, write_point_head
 from export.bundle.parity import Parity, check_parity
 from export.bundle.write import file_entry, plain, replacing_bundle, rounded_to_half, write_manifest
-from export.checkpoint.published import Source, understand
+from export.checkpoint.published import OURS, Source, understand
 from export.checkpoint.reader import read_tensors
 from export.graph.head_graph import head_bytes
 from export.graph.image_graph import Outputs, image_bytes
@@ -83,7 +83,7 @@ def export_checkpoint(
     source = replace(source, config=replace(source.config, sensor=sensor))
     if point_head_onnx and source.point_head is None:
         raise SettingError(f"{checkpoint}: has no point head to write as {POINT_HEAD_ONNX}")
-    stored = weights or ("float16" if source.kind == "checkpoint of lidar-mos" else "float32")
+    stored = weights or ("float16" if source.origin == OURS else "float32")
     if stored == "float16":
         rounded_to_half(source.image_net, f"{checkpoint}: image network")
         if source.point_head is not None:
@@ -149,7 +149,7 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
         point_head=head,
         files={name: file_entry(folder / name, precision) for name in files},
         weights={
-            "source": f"{source.kind}: {checkpoint.name}",
+            "source": f"{source.origin}: {checkpoint.name}",
             "sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest(),
             "trained": source.trained,
             "training": plain(record),

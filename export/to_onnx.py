@@ -117,7 +117,7 @@ def show(done: "Export", checkpoint: Path) -> None:
     source, bundle, parity = done.source, done.bundle, done.parity
     config, files = source.config, bundle.manifest.files
     size = f"{config.sensor.height} x {config.sensor.width}"
-    show_line(f"read     {checkpoint}: {source.kind}, network {config.name}, {config.channels} channels, {size}")
+    show_line(f"read     {checkpoint}: {source.origin}, network {config.name}, {config.channels} channels, {size}")
     if source.dropped:
         blocks = sorted({key.split(".")[0] for key in source.dropped})
         show_line(f"dropped  {len(source.dropped)} tensors that the network does not use: {', '.join(blocks)}")

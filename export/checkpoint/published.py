@@ -16,6 +16,7 @@ from runtime.bundle.head_shape import FULL, LITE, PointHeadConfig
 from runtime.bundle.residual import Residual
 from runtime.errors import CheckpointError, SettingError
 
+OURS = "checkpoint of lidar-mos"
 PUBLISHED = ("lmnet", "b", "c", "d", "e", "v1", "v2", "v2-lite")
 
 State = Mapping[str, Any]
@@ -25,7 +26,7 @@ State = Mapping[str, Any]
 class Source:
     """A checkpoint that has been understood: modules in float32 on the CPU, in evaluation mode."""
 
-    kind: str  # in words
+    origin: str  # in words
     config: ModelConfig
     image_net: nn.Module
     point_head: PointHead | None
@@ -46,7 +47,7 @@ def understand(content: Any, path: Path, network: str | None = None) -> Source:
         raise SettingError(f"network must be one of {', '.join(PUBLISHED)}, not {network!r}")
     if is_ours(content):
         return _ours(content, path, network)
-    kind, image_state, head_state = _parts(content, path)
+    origin, image_state, head_state = _parts(content, path)
     config = _recognise(image_state, head_state, network, path)
     image_net, point_head = config.build_image_network(), config.build_point_head()
     unused = UNUSED_PREFIXES if config.kind == "dual" else ()
@@ -58,7 +59,7 @@ def understand(content: Any, path: Path, network: str | None = None) -> Source:
         names = published_names(point_head.state_dict(), head_modules(config.point_head))
         load_state(point_head, head_state, f"{path}: point head", names)
         point_head.eval()
-    return Source(kind, config, image_net.eval(), point_head, dropped)
+    return Source(origin, config, image_net.eval(), point_head, dropped)
 
 
 def _ours(content: dict[str, Any], path: Path, network: str | None) -> Source:
@@ -69,7 +70,7 @@ def _ours(content: dict[str, Any], path: Path, network: str | None) -> Source:
         raise CheckpointError(f"{path}: its configuration and its weights disagree about a point head")
     found, training = stored.modules(), stored.training
     trained = bool(training.get("trained", training.get("step", 0)))
-    return Source("checkpoint of lidar-mos", found.config, found.image_net, found.point_head, (), training, trained)
+    return Source(OURS, found.config, found.image_net, found.point_head, (), training, trained)
 
 
 def _parts(content: Mapping[Any, Any], path: Path) -> tuple[str, State, State | None]:

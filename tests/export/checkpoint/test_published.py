@@ -270,7 +270,7 @@ def test_our_own_checkpoint(tmp_path):
     for found, made in ((read.image_net, image_net), (read.point_head, head)):
         assert not found.training
         assert all(torch.equal(value, made.state_dict()[key]) for key, value in found.state_dict().items())
-    assert read.kind == "checkpoint of lidar-mos"
+    assert read.origin == "checkpoint of lidar-mos"
     assert read.training["step"] == 5
     with pytest.raises(CheckpointError, match=r"leave out .*`network`"):
         read_checkpoint(tmp_path / "own", "v1")
