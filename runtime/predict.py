@@ -177,6 +177,7 @@ def _identity(recording: Recording, runner: MosRunner) -> dict[str, Any]:
         "postprocess": runner.postprocess,
         "refine": runner.settings.refine,
         "precision": runner.precision,
+        "belief": runner.settings.belief,
         "version": __version__,
         "poses": recording.poses_from,
     }

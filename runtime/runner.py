@@ -12,6 +12,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from runtime.belief.believers import choose_believer
+from runtime.belief.places import Places
 from runtime.bundle.loading import Bundle, load_bundle
 from runtime.bundle.residual import HISTORY
 from runtime.compute.jit import is_cached
@@ -42,13 +44,14 @@ class MosResult:
     moving: NDArray[np.bool_]  # (N,) the point belongs to something that moves
     probability: NDArray[np.float32]  # (N,) that it does: of the point head, or of the point's pixel without one
     ready: bool  # the history was full: all residual images had a scan
-    timing: dict[str, float]  # s: "input", "network", "postprocess", "history", "total"
+    timing: dict[str, float]  # s: "input", "network", "postprocess", "belief", "history", "total"
 
 
 class MosRunner:
     """Moving-object segmentation, scan by scan (paper, Sec. III).
 
-    State is the history of the last 8 scans. Calls from several threads wait for each other; runners are independent.
+    State is the history of the last 8 scans and, with belief, what the last scans found at each place. Calls from
+    several threads wait for each other; runners are independent.
     `with MosRunner() as runner:` ends its threads, as `close()` does.
     """
 
@@ -83,6 +86,7 @@ class MosRunner:
         )
         started = [one for one in wanted if provider_name(one) in self._image_net.providers]
         self.postprocess, self._refiner = choose_refiner(self.bundle, given, self.workers, started)
+        self._believer = choose_believer(given.belief, self.postprocess, manifest, self.workers)
         self._history = History(manifest.tuned)
         self._misfits = 0  # scans in a row whose surroundings do not fall together with those of the past
         self._closed = False
@@ -92,12 +96,13 @@ class MosRunner:
     @property
     def history_length(self) -> int:
         """Past scans that a result depends on."""
-        return HISTORY
+        return HISTORY + self._believer.horizon
 
     def reset(self) -> None:
         """Forget the history: the next scan is the first of a sequence."""
         with self._lock:
             self._history.clear()
+            self._believer.clear()
             self._misfits = 0
 
     def close(self) -> None:
@@ -137,14 +142,23 @@ class MosRunner:
             watch.lap("input")
             # Infer and refine: from pixels to points
             labels = self._label(entered, image, watch)
+            # Believe: what the last scans found at these places
+            believed = self._believer.believe(entered, checked, labels, follows=bool(past))
+            watch.lap("belief")
             # Remember
             misfits = self._misfits + 1 if self._is_misfit(image, past) else 0
-            self._remember(entered, checked, time, jump, misfits)
+            self._remember(entered, checked, time, jump, misfits, believed.places)
             watch.lap("history")
-        return MosResult(*labels, ready=len(past) == HISTORY, timing=watch.timing())
+        return MosResult(*believed.labels, ready=len(past) == HISTORY, timing=watch.timing())
 
     def remember(self, scan: ArrayLike, pose: ArrayLike, time: float | None = None) -> None:
-        """Put a scan into the history without labelling it, to go on in the middle of a sequence."""
+        """Put a scan into the history without a result, to go on in the middle of a sequence.
+
+        With belief it is labelled all the same, since labels are what is believed.
+        """
+        if self._believer.horizon:
+            self(scan, pose, time)
+            return
         with self._lock:
             entered, checked, jump = self._enter(scan, pose, time)
             self._remember(entered, checked, time, jump)
@@ -169,7 +183,9 @@ class MosRunner:
         watch.lap("postprocess")
         return labels
 
-    def _remember(self, scan: Entered, pose: Pose, time: float | None, jump: str, misfits: int = 0) -> None:
+    def _remember(
+        self, scan: Entered, pose: Pose, time: float | None, jump: str, misfits: int = 0, places: Places | None = None
+    ) -> None:
         self._misfits = misfits
         if misfits == DOUBTS:  # where warnings are errors, the history stays as it was
             text = (
@@ -180,7 +196,9 @@ class MosRunner:
         if jump:
             warnings.warn(f"{jump}: the history of past scans is dropped", MosWarning, stacklevel=3)
             self._history.clear()
+            self._believer.clear()
         self._history.add(scan, pose, time)
+        self._believer.add(places)
 
     def _is_misfit(self, image: ImageInput, past: list[Past]) -> bool:
         """By the median size of the oldest residual image, over every 32nd of the pixels that both scans saw."""

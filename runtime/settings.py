@@ -11,6 +11,7 @@ CHOICES = {
     "refine": ("near", "all"),
     "head_engine": ("auto", "numba", "onnx"),
     "precision": ("auto", "float32", "int8"),
+    "belief": ("none", "online"),
 }
 
 
@@ -27,6 +28,7 @@ class RunnerSettings:
     head_engine: str = "auto"
     # of the image network: "float32", "int8", or "auto": INT8 where the bundle has it and the processor gains from it
     precision: str = "auto"
+    belief: str = "none"  # "online": what the last scans found at a place counts there; "none": every scan by itself
     providers: Sequence[Any] | None = None  # of ONNX Runtime, best first, each a name or (name, options); None: the CPU
     allow_fallback: bool = False  # a provider that is not there is left out with a warning, instead of an error
     session_options: Mapping[str, str] = field(default_factory=dict)  # of ONNX Runtime's session configuration

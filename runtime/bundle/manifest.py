@@ -65,6 +65,25 @@ class SensorEntry:
 
 
 @dataclass(frozen=True)
+class BeliefNumbers:
+    """How what past scans found at a place counts there. Found on simulated streets with the weights of `rt`."""
+
+    voxel_size: float = 0.25  # m, of a place
+    horizon: int = 16  # scans that count; older ones do not at all
+    weight: float = 0.3  # of the sum of their log-odds, beside those of the scan itself
+    floor: float = -6.0  # of that product: what stood for long may start to move
+    threshold: float = 0.38  # probability from which a point moves, all counted
+
+    def __post_init__(self) -> None:
+        if not 0.01 <= self.voxel_size <= 10:
+            raise SettingError(f"a place must be 0.01 m to 10 m wide, not {self.voxel_size!r}")
+        if not 1 <= self.horizon <= 64:
+            raise SettingError(f"the horizon of belief must be 1 to 64 scans, not {self.horizon!r}")
+        if not (0 <= self.weight <= 10 and -1000 <= self.floor <= 0 and 0 <= self.threshold < 1):
+            raise SettingError("belief takes a weight of 0 to 10, a floor of -1000 to 0 and a threshold of 0 to 1")
+
+
+@dataclass(frozen=True)
 class Tuned:
     """Numbers that were found for these weights. The defaults are those of bundles of format 1."""
 
@@ -74,6 +93,7 @@ class Tuned:
     jump: float = 10.0  # m between two scans from which the history is dropped
     turn: float = 60.0  # degrees between two scans from which it is
     gap: float = 1.0  # s between two scans from which it is
+    belief: BeliefNumbers = field(default_factory=BeliefNumbers)
 
     def __post_init__(self) -> None:
         if not 0 <= self.candidate < 1:

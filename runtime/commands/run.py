@@ -11,6 +11,7 @@ from runtime.commands.options import Bundle, Calib, Frame, Input, Names, Poses, 
 from runtime.commands.output import Terminal, say, show_line
 from runtime.commands.runner_options import (
     DEFAULTS,
+    Belief,
     Fallback,
     HeadEngine,
     Postprocess,
@@ -54,6 +55,7 @@ def run(
     refine: Refine = None,
     head_engine: HeadEngine = None,
     precision: Precision = DEFAULTS.precision,
+    belief: Belief = DEFAULTS.belief,
     providers: Providers = None,
     allow_fallback: Fallback = False,
     session_options: SessionOptions = None,
@@ -69,6 +71,7 @@ def run(
         refine=refine or DEFAULTS.refine,
         head_engine=head_engine or DEFAULTS.head_engine,
         precision=precision,
+        belief=belief,
         providers=[provider(text) for text in providers or ()] or None,
         allow_fallback=allow_fallback,
         session_options=dict(key_value(text) for text in session_options or ()),

@@ -39,6 +39,10 @@ Precision = Annotated[
     str,
     _choice("precision", help="Of the image network; auto: int8 where the processor gains from it."),
 ]
+Belief = Annotated[
+    str,
+    _choice("belief", help="online: what the last scans found at a place counts there, too."),
+]
 Providers = Annotated[
     list[str] | None,
     _option(

@@ -54,7 +54,7 @@ def test_a_label_for_every_point(postprocess, refine):
         assert result.moving.dtype == np.bool_
         assert result.probability.dtype == np.float32
         assert ((result.probability >= 0) & (result.probability <= 1)).all()
-        assert set(result.timing) == {"input", "network", "postprocess", "history", "total"}
+        assert set(result.timing) == {"input", "network", "postprocess", "belief", "history", "total"}
     assert [result.ready for result in results] == [False] * 8 + [True] * 2
 
 
@@ -214,6 +214,7 @@ def test_poses_under_which_the_surroundings_move_are_doubted_once(runner, readin
 def test_every_kernel_is_compiled_at_the_start():
     code = f"""
 from runtime import MosRunner
+from runtime.belief import believers, memory, places
 from runtime.image import decision
 from runtime.image import history
 from runtime.head.sparse import kernel_map
@@ -223,8 +224,8 @@ from runtime.head.sparse import kernel as sparse_kernel
 from runtime.head import transfer
 from runtime.head import voxels
 import numpy as np
-runner = MosRunner({str(BUNDLE)!r}, postprocess="head", threads=1)
-modules = decision, history, kernel_map, projection, sparse_kernel, transfer, voxels
+runner = MosRunner({str(BUNDLE)!r}, postprocess="head", threads=1, belief="online")
+modules = believers, memory, places, decision, history, kernel_map, projection, sparse_kernel, transfer, voxels
 kernels = [k for m in modules for k in vars(m).values() if hasattr(k, "signatures") and k.__module__ == m.__name__]
 before = [len(kernel.signatures) for kernel in kernels]
 runner._refiner.head.config  # there is one

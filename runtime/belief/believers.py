@@ -1,0 +1,125 @@
+"""From the labels of one scan to those of one scan among others: what was found at a place counts there again."""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from runtime.belief.memory import Memory
+from runtime.belief.places import Places, Surveyor
+from runtime.bundle.manifest import BeliefNumbers, Manifest
+from runtime.compute.jit import kernel
+from runtime.compute.workers import Workers
+from runtime.errors import SettingError
+from runtime.head.refiners import PointLabels
+from runtime.image.entry import Entered
+from runtime.recordings.poses import Pose
+
+_GRAIN = 16_384  # points per task
+
+
+class Believed(NamedTuple):
+    """What is believed of a scan, and what is to be remembered of it: `Believer.add` does, once nothing can fail."""
+
+    labels: PointLabels
+    places: Places | None
+
+
+class Believer(Protocol):
+    """The step after the labels of a scan."""
+
+    horizon: int  # past scans whose labels count; older ones are forgotten exactly
+
+    def believe(self, scan: Entered, pose: Pose, labels: PointLabels, follows: bool) -> Believed:
+        """Labels of the points of a scan, T_world_lidar = `pose`; follows: the scan before, and not after a jump."""
+
+    def add(self, places: Places | None) -> None:
+        """Remember what was found at the places of the last scan."""
+
+    def clear(self) -> None:
+        """Forget everything."""
+
+
+class Unbelieving:
+    """Every scan by itself."""
+
+    horizon = 0
+
+    def believe(self, scan: Entered, pose: Pose, labels: PointLabels, follows: bool) -> Believed:
+        """See `Believer`."""
+        return Believed(labels, None)
+
+    def add(self, places: Places | None) -> None:
+        """See `Believer`."""
+
+    def clear(self) -> None:
+        """See `Believer`."""
+
+
+class Online:
+    """Adds to the log-odds of a point what the last scans found at its place. A first scan keeps its labels."""
+
+    def __init__(self, numbers: BeliefNumbers, workers: Workers) -> None:
+        self.horizon, self._numbers, self._workers = numbers.horizon, numbers, workers
+        self._surveyor = Surveyor(numbers.voxel_size, workers)
+        self._memory = Memory(numbers.horizon, workers)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held."""
+        return self._surveyor.nbytes + self._memory.nbytes
+
+    def believe(self, scan: Entered, pose: Pose, labels: PointLabels, follows: bool) -> Believed:
+        """See `Believer`."""
+        places = self._surveyor.survey(scan, pose, labels.probability)
+        if not follows:
+            return Believed(labels, places)
+        numbers = self._numbers
+        belief = np.maximum(np.float32(numbers.weight) * self._memory.recall(places.keys), np.float32(numbers.floor))
+        threshold = np.float32(numbers.threshold)
+        believed = PointLabels(np.empty(len(scan), np.bool_), np.empty(len(scan), np.float32))
+        self._workers.ranges(
+            lambda start, stop: _weigh(
+                places.log_odds[start:stop],
+                places.place[start:stop],
+                belief,
+                threshold,
+                believed.moving[start:stop],
+                believed.probability[start:stop],
+            ),
+            len(scan),
+            _GRAIN,
+        )
+        return Believed(believed, places)
+
+    def add(self, places: Places | None) -> None:
+        """See `Believer`."""
+        if places is not None:
+            self._memory.add(places.keys, places.evidence)
+
+    def clear(self) -> None:
+        """See `Believer`."""
+        self._memory.clear()
+
+
+def choose_believer(name: str, postprocess: str, manifest: Manifest, workers: Workers) -> Believer:
+    """What the setting `belief` names: "none" or "online".
+
+    Raises SettingError with the post-processing "knn", whose votes are no probabilities.
+    """
+    if name == "none":
+        return Unbelieving()
+    if postprocess == "knn":
+        raise SettingError(f"belief {name!r} adds up probabilities, and knn has votes: choose postprocess head or none")
+    return Online(manifest.tuned.belief, workers)
+
+
+@kernel
+def _weigh(log_odds, place, belief, threshold, moving, probability):  # type: ignore[no-untyped-def]
+    """Add up, and decide."""
+    one = np.float32(1)
+    for i in range(place.size):
+        if place[i] < 0:
+            moving[i], probability[i] = False, np.float32(0)
+        else:
+            probability[i] = one / (one + np.exp(-(log_odds[i] + belief[place[i]])))
+            moving[i] = probability[i] > threshold

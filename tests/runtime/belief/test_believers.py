@@ -1,0 +1,111 @@
+"""Labels of one scan among others, against dictionaries."""
+
+import numpy as np
+import pytest
+
+from runtime.belief.believers import Online, choose_believer
+from runtime.bundle.loading import load_bundle
+from runtime.bundle.manifest import BeliefNumbers
+from runtime.compute.workers import Workers
+from runtime.errors import SettingError
+from runtime.head.refiners import PointLabels
+from runtime.image.entry import Entry
+from tests.support import reference_belief as reference
+from tests.support.paths import BUNDLE
+
+NUMBERS = BeliefNumbers(voxel_size=0.5, horizon=3, weight=0.4, floor=-2.0, threshold=0.4)
+
+
+def drive(count, points=1200, seed=0):
+    """Scans that see the same room from several places, with probabilities that go with the place."""
+    rng = np.random.default_rng(seed)
+    for t in range(count):
+        angle = 0.2 * t
+        pose = np.eye(4)
+        pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        pose[:3, 3] = 0.7 * t, -0.3 * t, 0.1
+        xyz = rng.uniform(-4, 4, (points, 3))
+        xyz[::50] = np.nan
+        probability = np.where(xyz[:, 0] > 1, rng.uniform(0.3, 1, points), rng.uniform(0, 0.6, points))
+        probability[::50] = 0
+        yield Entry(0.2, 300.0, Workers(1)).enter(xyz), pose, probability.astype(np.float32)
+
+
+def labels(probability):
+    return PointLabels(probability > 0.5, probability.copy())
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_like_the_reference(threads):
+    believer, past = Online(NUMBERS, Workers(threads)), []
+    lifted = lowered = 0
+    for scan, pose, probability in drive(7):
+        got = believer.believe(scan, pose, labels(probability), follows=bool(past))
+        believer.add(got.places)
+        cells, evidence = reference.places(scan.points, scan.takes_part, pose, probability, NUMBERS.voxel_size)
+        known = reference.recalled(past, NUMBERS.horizon)
+        for i, cell in enumerate(cells):
+            if cell is None:
+                assert (got.labels.moving[i], got.labels.probability[i]) == (False, 0)
+            elif past:
+                belief = max(NUMBERS.weight * known.get(cell, 0.0), NUMBERS.floor)
+                want = 1 / (1 + np.exp(-reference.log_odds(float(probability[i])) - belief))
+                assert got.labels.probability[i] == pytest.approx(want, abs=5e-4)
+                assert got.labels.moving[i] == (want > NUMBERS.threshold) or abs(want - NUMBERS.threshold) < 5e-4
+                lifted += want > probability[i] + 0.1
+                lowered += want < probability[i] - 0.1
+        past.append(evidence)
+    assert lifted > 50
+    assert lowered > 50
+
+
+def test_a_scan_that_follows_none_keeps_its_labels():
+    believer = Online(NUMBERS, Workers(1))
+    first, second = drive(2)
+    believer.add(believer.believe(*first[:2], labels(first[2]), follows=False).places)
+    given = labels(second[2])
+    assert believer.believe(*second[:2], given, follows=False).labels is given
+
+
+def test_to_believe_changes_nothing_until_it_is_added():
+    believer = Online(NUMBERS, Workers(1))
+    first, *others = drive(4)
+    believer.add(believer.believe(*first[:2], labels(first[2]), follows=False).places)
+    want = believer.believe(*others[2][:2], labels(others[2][2]), follows=True).labels
+    for scan, pose, probability in others:
+        got = believer.believe(scan, pose, labels(probability), follows=True).labels
+    np.testing.assert_array_equal(got.probability, want.probability)
+
+
+def test_given_labels_are_not_written_to():
+    believer = Online(NUMBERS, Workers(1))
+    for scan, pose, probability in drive(2):
+        given = labels(probability)
+        believer.add(believer.believe(scan, pose, given, follows=True).places)
+        np.testing.assert_array_equal(given.probability, probability)
+        np.testing.assert_array_equal(given.moving, probability > 0.5)
+
+
+def test_votes_are_not_believed():
+    manifest = load_bundle(BUNDLE).manifest
+    with pytest.raises(SettingError, match="knn has votes"):
+        choose_believer("online", "knn", manifest, Workers(1))
+    assert choose_believer("none", "knn", manifest, Workers(1)).horizon == 0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"voxel_size": 0.0},
+        {"voxel_size": float("nan")},
+        {"horizon": 0},
+        {"horizon": 65},
+        {"weight": -1.0},
+        {"floor": 1.0},
+        {"threshold": 1.0},
+        {"threshold": float("nan")},
+    ],
+)
+def test_numbers_that_cannot_be(wrong):
+    with pytest.raises(SettingError):
+        BeliefNumbers(**wrong)

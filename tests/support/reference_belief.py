@@ -1,0 +1,60 @@
+"""Belief as simply as it can be written: dictionaries, float64, a loop per idea. Slow on purpose."""
+
+import math
+
+import numpy as np
+
+MOST = 9.21  # log-odds that a probability counts for at most
+
+
+def places(points, takes_part, pose, probability, size):
+    """(voxel of each point or None, mean log-odds of each voxel), voxels as triples of the world's grid."""
+    cells, found = [], {}
+    for point, counts, p in zip(points, takes_part, probability, strict=True):
+        cells.append(None)
+        if counts:
+            world = pose[:3, :3] @ point[:3].astype(np.float64) + pose[:3, 3]
+            cells[-1] = tuple(math.floor(c) for c in world / size)
+            found.setdefault(cells[-1], []).append(log_odds(float(p)))
+    return cells, {cell: sum(values) / len(values) for cell, values in found.items()}
+
+
+def log_odds(p):
+    """Of a probability, limited."""
+    if p <= 0 or p >= 1:
+        return math.copysign(MOST, p - 0.5)
+    return min(max(math.log(p / (1 - p)), -MOST), MOST)
+
+
+def recalled(past, horizon):
+    """The sum of what the last scans found at each voxel; `past`: for each scan {voxel: evidence}, oldest first."""
+    total = {}
+    for scan in past[-horizon:]:
+        for voxel, evidence in scan.items():
+            total[voxel] = total.get(voxel, 0.0) + evidence
+    return total
+
+
+class Sets:
+    """Sets of voxels of which the one that was seen longest ago gives way: no hash, no slots, whole histories."""
+
+    def __init__(self, horizon, ways, set_of):
+        self.horizon, self.ways, self.set_of = horizon, ways, set_of
+        self.now, self.rows = 0, {}
+
+    def add(self, keys, evidence):
+        """The voxels of one scan, in their order."""
+        for key, value in zip(keys, evidence, strict=True):
+            row = self.rows.setdefault(self.set_of(key), {})  # key: {scan: evidence}
+            if key not in row and len(row) == self.ways:
+                eldest = min(row, key=lambda other: (max(row[other]), other))
+                if max(row[eldest]) == self.now:
+                    continue
+                del row[eldest]
+            row.setdefault(key, {})[self.now] = value
+        self.now += 1
+
+    def recall(self, key):
+        """The sum over the last scans."""
+        seen = self.rows.get(self.set_of(key), {}).get(key, {})
+        return sum(value for scan, value in seen.items() if scan >= self.now - self.horizon)
