@@ -1,6 +1,7 @@
 """Configurations by name and from files; a new network is one file and one line."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -27,11 +28,14 @@ from runtime.errors import SettingError
 from runtime.runner import MosRunner
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.registry import SENSORS
+from tests.support.paths import ROOT
 from tests.support.training import SENSOR, Patches
 
 
 def test_names_of_mos_train() -> None:
     assert set(names()) == {"lmnet", "b", "c", "d", "e", "v1", "v2", "v2-lite", "rt", "rt-head"}
+    (row,) = re.findall(r"^\| `--config` \|(.+)$", (ROOT / "mos_model" / "README.md").read_text(), re.MULTILINE)
+    assert re.findall(r"`([\w-]+)`", row) == names()
 
 
 @pytest.mark.parametrize("channels", [32, 16])
