@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from mos_model.simulator.boxes import bounds
 from mos_model.simulator.placing import place
-from mos_model.simulator.raycast import COLUMNS, bounds
+from mos_model.simulator.raycast import COLUMNS
 from mos_model.simulator.traffic import Track
 from mos_model.simulator.world import World
 

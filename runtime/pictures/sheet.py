@@ -5,9 +5,9 @@ import math
 from PIL import Image, ImageDraw
 
 from runtime.pictures.bird import draw_bird
+from runtime.pictures.lettering import write, write_legend
 from runtime.pictures.snapshot import Snapshot
 from runtime.pictures.strip import draw_strip
-from runtime.pictures.text import write, write_legend
 from runtime.pictures.verdict import BACKGROUND, CAR_PAINT, COLOURS, FAINT, INK, legend, verdict
 
 WIDTH = 1280  # pixels of a picture of one system

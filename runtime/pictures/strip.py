@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from runtime.pictures.lettering import write
 from runtime.pictures.raster import SAMPLES, packed, stamp, to_canvas, to_image
-from runtime.pictures.text import write
 from runtime.pictures.verdict import BACKGROUND, COLOURS, INK, STILL, Kinds
 from runtime.recordings.scans import ScanData
 

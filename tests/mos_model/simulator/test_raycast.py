@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from mos_model.simulator import ground, people, placing, raycast, rays, shapes
+from mos_model.simulator.boxes import bounds
 from tests.support.reference_simulator import first_hits
 
 COLUMNS, BEAMS = 160, 10
@@ -28,7 +29,7 @@ def states(speed=0.0, turn=0.0, tilt=0.0):
 def cast(prims, velocity, moves, world, slope, origin, level, phase, drop, tangents):
     depth = np.full((COLUMNS, BEAMS), np.inf, np.float32)
     hit, cosine = np.full(depth.shape, -1, np.int32), np.zeros(depth.shape, np.float32)
-    boxes = raycast.bounds(prims)
+    boxes = bounds(prims)
     order = np.argsort(placing.distances(prims, boxes, moves[1, 0], moves[1, 1]))
     raycast.cast_primitives(
         prims, boxes, order, velocity, world, slope, origin, level, phase, drop, tangents, moves, 0.1, 5, depth, hit,
