@@ -109,8 +109,8 @@ def choose_split(road: bool, train_on: str | None, validate_on: str | None) -> t
     """Names of the training and validation sequences: the published ones where none are given."""
     from mos_model.data import kitti
 
-    train = kitti.TRAIN + kitti.ROAD_TRAIN if road else kitti.TRAIN
-    validation = kitti.VALIDATION + kitti.ROAD_VALIDATION if road else kitti.VALIDATION
+    train: tuple[str, ...] = kitti.TRAIN + kitti.ROAD_TRAIN if road else kitti.TRAIN
+    validation: tuple[str, ...] = kitti.VALIDATION + kitti.ROAD_VALIDATION if road else kitti.VALIDATION
     if train_on is not None:
         train = names_of(train_on)
     if validate_on is not None:

@@ -8,6 +8,7 @@ import torch
 from torch import nn
 
 from mos_model.networks.image_output import ImageOutput
+from mos_model.networks.point_head import PointHead as TorchHead
 from mos_model.simulator import simulate
 from runtime.bundle.loading import Bundle
 from runtime.bundle.manifest import POINT_HEAD, POINT_HEAD_ONNX, SensorEntry
@@ -53,7 +54,7 @@ class Parity:
         return {**measured, "against": "PyTorch", "input": f"simulated scan of {self.points} points", "limit": LIMIT}
 
 
-def check_parity(bundle: Bundle, image_net: nn.Module, point_head: nn.Module | None, threads: int = 2) -> Parity:
+def check_parity(bundle: Bundle, image_net: nn.Module, point_head: TorchHead | None, threads: int = 2) -> Parity:
     """Compare a bundle with the modules that it was made from. Raises ParityError beyond LIMIT."""
     manifest = bundle.manifest
     workers = Workers(threads)
@@ -91,7 +92,7 @@ def simulated_input(sensor: SensorEntry, residual: Residual, workers: Workers) -
 
 def _head_differences(
     bundle: Bundle,
-    head: nn.Module | None,
+    head: TorchHead | None,
     scan: Entered,
     image: ImageInput,
     features: np.ndarray,

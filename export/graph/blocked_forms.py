@@ -75,12 +75,13 @@ class BlockedMetaKernel(nn.Module):
 
     def __init__(self, block: MetaKernel) -> None:
         super().__init__()
+        assert block.weigh1.bias is not None
         self.bias, self.weigh2, self.join = block.weigh1.bias, block.weigh2, block.join
         self.register_buffer("copy", copies(3))
         difference = self.copy - self.copy[CENTRE]  # (9, 1, 1, 3, 3)
         self.register_buffer("near", block.weigh1.weight.detach() * difference)
         with torch.no_grad():
-            same = self.weigh2(act(self.bias)[None, :, None, None])  # (1, c, 1, 1)
+            same = self.weigh2(act(block.weigh1.bias)[None, :, None, None])  # (1, c, 1, 1)
             self.register_buffer("centre", self.join.weight[:, CENTRE::9] * same)
 
     def weight(self, x: Tensor, j: int) -> Tensor:

@@ -171,4 +171,6 @@ def _change_remission(remission: Points, settings: Augmentation, rng: np.random.
         return np.zeros_like(remission)
     if not settings.remission_gain:
         return remission
-    return np.clip(np.float32(factor) * np.maximum(remission, 0) ** np.float32(exponent), 0, 1)
+    bent = np.float32(factor) * np.maximum(remission, 0) ** np.float32(exponent)
+    clipped: NDArray[np.float32] = np.clip(bent, 0, 1)
+    return clipped

@@ -130,7 +130,8 @@ def _draw_columns(labels: NDArray[np.uint8], config: SampleConfig, rng: np.rando
     with_mover = np.flatnonzero((labels == MOVING).any(axis=0))
     if rng.random() < config.crop_on_moving and len(with_mover):
         start = int(rng.choice(with_mover)) - int(rng.integers(config.crop))
-    return np.arange(start, start + config.crop) % width
+    columns: NDArray[np.int64] = np.arange(start, start + config.crop) % width
+    return columns
 
 
 @dataclass(frozen=True)
@@ -179,4 +180,5 @@ def class_frequency(source: Source, samples: int) -> NDArray[np.float64]:
         for sample in source.group(number):
             labels = sample.classes if len(sample.classes) else sample.labels
             counts += np.bincount(labels.reshape(-1), minlength=len(CLASSES))
-    return counts / max(1, counts.sum())
+    shares: NDArray[np.float64] = counts / max(1, counts.sum())
+    return shares

@@ -86,7 +86,7 @@ def save(
     _check_plain(content["training"], "training")
     buffer = io.BytesIO()
     torch.save(content, buffer)
-    write_whole(path, buffer.getbuffer())
+    write_whole(os.fspath(path), buffer.getbuffer())
 
 
 def load(path: str | os.PathLike[str], config: ModelConfig | None = None) -> Checkpoint:

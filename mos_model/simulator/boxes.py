@@ -7,7 +7,7 @@ from runtime.compute.jit import kernel
 
 
 @kernel
-def bounds(prims):
+def bounds(prims):  # type: ignore[no-untyped-def]
     """Boxes around the primitives in their own frames, (n, 6): x, y, z least and greatest."""
     out = np.empty((len(prims), 6))
     for k in range(len(prims)):

@@ -9,7 +9,7 @@ COARSE = 1.0  # m, cell of the grid of distances to the next road
 
 
 @kernel
-def paint_roads(edge, x0, y0, cell, segments, reach):
+def paint_roads(edge, x0, y0, cell, segments, reach):  # type: ignore[no-untyped-def]
     """Lower `edge` (rows, columns), the distance of each node to the nearest road's edge (negative on the
     road), by `segments` (n, 5): two end points and the half width of the road there, all in m. Nodes beyond
     `reach` stay."""
@@ -33,7 +33,7 @@ def paint_roads(edge, x0, y0, cell, segments, reach):
 
 
 @kernel
-def bilinear(grid, x0, y0, cell, x, y):
+def bilinear(grid, x0, y0, cell, x, y):  # type: ignore[no-untyped-def]
     """Value of `grid` at (x, y), clamped to its border."""
     gx, gy = (x - x0) / cell, (y - y0) / cell
     gx = min(max(gx, 0.0), grid.shape[1] - 1.001)
@@ -46,7 +46,7 @@ def bilinear(grid, x0, y0, cell, x, y):
 
 
 @kernel
-def bilinear_many(grid, x0, y0, cell, x, y):
+def bilinear_many(grid, x0, y0, cell, x, y):  # type: ignore[no-untyped-def]
     """Values of `grid` at the points (x, y), (n,)."""
     out = np.empty(len(x))
     for k in range(len(x)):
@@ -55,7 +55,7 @@ def bilinear_many(grid, x0, y0, cell, x, y):
 
 
 @fast_kernel
-def pave(height, surface, cell, edge, base, style):
+def pave(height, surface, cell, edge, base, style):  # type: ignore[no-untyped-def]
     """Fill the fine grids `height` (float32 m) and `surface` (uint8 class) from the coarse grids `edge` and
     `base`.
 
@@ -97,7 +97,7 @@ def pave(height, surface, cell, edge, base, style):
 
 
 @inlined
-def _height(grid, gx, gy):
+def _height(grid, gx, gy):  # type: ignore[no-untyped-def]
     """Bilinear value of `grid` at (gx, gy) in cells; beyond its border its slope goes on."""
     j, i = min(max(int(gx), 0), grid.shape[1] - 2), min(max(int(gy), 0), grid.shape[0] - 2)
     fx, fy = gx - j, gy - i
@@ -107,7 +107,7 @@ def _height(grid, gx, gy):
 
 
 @fast_kernel
-def cast_ground(
+def cast_ground(  # type: ignore[no-untyped-def]
     world, slope, origin, level, drop, height, surface, x0, y0, cell, highest, radii, rough, seed, depth, hit
 ):
     """First crossing of every ray with the ground: `depth` (columns, beams) m along the ray (inf: none) and

@@ -6,7 +6,7 @@ from runtime.compute.jit import kernel
 
 
 @kernel
-def place(templates, pose, walked, out, first):
+def place(templates, pose, walked, out, first):  # type: ignore[no-untyped-def]
     """Write `templates` (n, COLUMNS), see `raycast`, into `out` from row `first`, moved by `pose` (x, y, z,
     yaw), with limbs swung after `walked` metres."""
     c, s = np.cos(pose[3]), np.sin(pose[3])
@@ -27,7 +27,7 @@ def place(templates, pose, walked, out, first):
 
 
 @kernel
-def claim(taken, x0, y0, cell, x, y, yaw, rear, front, half, mark):
+def claim(taken, x0, y0, cell, x, y, yaw, rear, front, half, mark):  # type: ignore[no-untyped-def]
     """Whether the rectangle at (x, y, yaw), `rear` to `front` m along and `half` m to both sides, is free in
     the grid `taken` (rows, columns) bool with its corner at (x0, y0); if so and `mark`, take it."""
     c, s = np.cos(yaw), np.sin(yaw)
@@ -47,7 +47,7 @@ def claim(taken, x0, y0, cell, x, y, yaw, rear, front, half, mark):
 
 
 @kernel
-def distances(prims, boxes, x, y):
+def distances(prims, boxes, x, y):  # type: ignore[no-untyped-def]
     """Distances (n,) of the boxes of the primitives from (x, y), in the plane, m."""
     out = np.empty(len(prims))
     for k in range(len(prims)):

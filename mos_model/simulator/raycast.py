@@ -31,7 +31,7 @@ FREE_PATHS = -np.log((np.arange(1024) + 0.5) / 1024.0)  # quantiles of the way t
 
 
 @inlined
-def _next(state):
+def _next(state):  # type: ignore[no-untyped-def]
     s = state[0]
     s ^= s << np.uint64(13)
     s ^= s >> np.uint64(7)
@@ -41,12 +41,12 @@ def _next(state):
 
 
 @inlined
-def _uniform(state):
+def _uniform(state):  # type: ignore[no-untyped-def]
     return np.int64(_next(state) >> np.uint64(40)) * (1.0 / 16777216.0)
 
 
 @inlined
-def _cell_hash(i, j, k, salt):
+def _cell_hash(i, j, k, salt):  # type: ignore[no-untyped-def]
     h = np.uint64(i * 73856093) ^ np.uint64(j * 19349663) ^ np.uint64(k * 83492791) ^ np.uint64(salt * 2654435761)
     h ^= h >> np.uint64(31)
     h *= np.uint64(0x9E3779B97F4A7C15)
@@ -55,7 +55,7 @@ def _cell_hash(i, j, k, salt):
 
 
 @fast_kernel
-def _frustum(g, ox, oy, oz, dx, dy, dz):
+def _frustum(g, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     """Entry, exit, entry face (0 x, 1 y, 2 z) and cosine of incidence there; entry > exit: missed."""
     high = g[1] - g[0]
     kr, kf, kw = (g[4] - g[2]) / high, (g[5] - g[3]) / high, (g[7] - g[6]) / high
@@ -86,7 +86,7 @@ def _frustum(g, ox, oy, oz, dx, dy, dz):
 
 
 @fast_kernel
-def _ellipsoid(g, ox, oy, oz, dx, dy, dz):
+def _ellipsoid(g, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     ax, ay, az = (ox - g[0]) / g[3], (oy - g[1]) / g[4], (oz - g[2]) / g[5]
     bx, by, bz = dx / g[3], dy / g[4], dz / g[5]
     a, b, c = bx * bx + by * by + bz * bz, ax * bx + ay * by + az * bz, ax * ax + ay * ay + az * az - 1.0
@@ -100,7 +100,7 @@ def _ellipsoid(g, ox, oy, oz, dx, dy, dz):
 
 
 @fast_kernel
-def _capsule(g, ox, oy, oz, dx, dy, dz):
+def _capsule(g, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     px, py, pz = g[3] - g[0], g[4] - g[1], g[5] - g[2]
     qx, qy, qz = ox - g[0], oy - g[1], oz - g[2]
     pp, pd, pq = px * px + py * py + pz * pz, px * dx + py * dy + pz * dz, px * qx + py * qy + pz * qz
@@ -125,7 +125,7 @@ def _capsule(g, ox, oy, oz, dx, dy, dz):
 
 
 @fast_kernel
-def _material(row, k, near, far, face, ox, oy, oz, dx, dy, dz, limit, cosine, state):
+def _material(row, k, near, far, face, ox, oy, oz, dx, dy, dz, limit, cosine, state):  # type: ignore[no-untyped-def]
     """What the material makes of a ray that enters at `near`: (depth, hit, cosine); inf: the ray goes on."""
     material = int(row[14])
     hit = k
@@ -186,7 +186,7 @@ def _material(row, k, near, far, face, ox, oy, oz, dx, dy, dz, limit, cosine, st
 
 
 @kernel
-def _outline(row, box, velocity, states, duration, columns):
+def _outline(row, box, velocity, states, duration, columns):  # type: ignore[no-untyped-def]
     """First and last column that may see the box in the sweep; `columns` apart: all of them."""
     first, last, reference = 1e9, -1e9, 1e9
     for k in range(3):
@@ -217,7 +217,7 @@ def _outline(row, box, velocity, states, duration, columns):
 
 
 @fast_kernel
-def cast_primitives(
+def cast_primitives(  # type: ignore[no-untyped-def]
     prims, boxes, order, velocity, world, slope, origin, level, phase, drop, tangents, states, duration, seed,
     depth, hit, cosine,
 ):  # fmt: skip

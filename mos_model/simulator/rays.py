@@ -6,7 +6,7 @@ from runtime.compute.jit import kernel
 
 
 @kernel
-def firing_ticks(steps, encoder, phase):
+def firing_ticks(steps, encoder, phase):  # type: ignore[no-untyped-def]
     """Azimuth of each firing, (steps,) radians in 0..2 pi from forward to the left, on the encoder's grid."""
     azimuth = np.empty(steps)
     ticks = encoder if encoder > 0 else steps
@@ -17,7 +17,7 @@ def firing_ticks(steps, encoder, phase):
 
 
 @kernel
-def rotation(yaw, pitch, roll):
+def rotation(yaw, pitch, roll):  # type: ignore[no-untyped-def]
     """Rotation matrix Rz(yaw) @ Ry(pitch) @ Rx(roll), (3, 3)."""
     cy, sy, cp, sp, cr, sr = (
         np.cos(yaw),
@@ -35,7 +35,7 @@ def rotation(yaw, pitch, roll):
 
 
 @kernel
-def local_rays(azimuth, elevation, offset):
+def local_rays(azimuth, elevation, offset):  # type: ignore[no-untyped-def]
     """Directions in the sensor frame, (columns, beams, 3) float32; `offset` (beams,) radians turns beams."""
     columns, beams = len(azimuth), len(elevation)
     out = np.empty((columns, beams, 3), np.float32)
@@ -51,7 +51,7 @@ def local_rays(azimuth, elevation, offset):
 
 
 @kernel
-def world_rays(local, azimuth, states, world, slope, origin, level, phase):
+def world_rays(local, azimuth, states, world, slope, origin, level, phase):  # type: ignore[no-untyped-def]
     """Turn the rays of one sweep into the world.
 
     `states` (3, 6): x, y, z, yaw, pitch, roll of the sensor at the start, middle and end of the sweep. Fills
@@ -87,7 +87,7 @@ def world_rays(local, azimuth, states, world, slope, origin, level, phase):
 
 
 @kernel
-def restoring(states, phase):
+def restoring(states, phase):  # type: ignore[no-untyped-def]
     """(columns, 3, 4) motions that take what was measured at each column to the sensor's frame at mid-sweep,
     for a sensor that moved as `states` (see world_rays) say."""
     middle = rotation(states[1, 3], states[1, 4], states[1, 5])

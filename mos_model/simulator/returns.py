@@ -7,7 +7,7 @@ from runtime.compute.jit import fast_kernel, inlined
 
 
 @inlined
-def _next(state):
+def _next(state):  # type: ignore[no-untyped-def]
     s = state[0]
     s ^= s << np.uint64(13)
     s ^= s >> np.uint64(7)
@@ -17,12 +17,12 @@ def _next(state):
 
 
 @inlined
-def _uniform(state):
+def _uniform(state):  # type: ignore[no-untyped-def]
     return np.int64(_next(state) >> np.uint64(40)) * (1.0 / 16777216.0)
 
 
 @inlined
-def _normal(state):
+def _normal(state):  # type: ignore[no-untyped-def]
     """About a standard normal: the sum of four uniform numbers of 16 bits."""
     s = _next(state)
     m = np.uint64(0xFFFF)
@@ -31,12 +31,12 @@ def _normal(state):
 
 
 @inlined
-def _moves(label):
+def _moves(label):  # type: ignore[no-untyped-def]
     return (label & np.uint32(0xFFFF)) >= np.uint32(MOVING_LABEL)
 
 
 @fast_kernel
-def report(
+def report(  # type: ignore[no-untyped-def]
     depth, hit, cosine, prims, label, ground_label, ground_albedo, material_loss, local, world, drop, restore, hidden,
     bias, limits, noise, sensitivity, loss, stray, resolution, imperfect, seed,
 ):  # fmt: skip

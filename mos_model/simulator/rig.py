@@ -81,4 +81,5 @@ def _draw_hidden(rng: Random, profile: Sensor, elevation: np.ndarray) -> np.ndar
         away = np.abs((azimuth - centre + 180) % 360 - 180) / half
         limit = np.maximum(limit, np.where(away < 1, top - 5 * np.maximum(away - 0.6, 0) ** 2 / 0.16, -90.0))
     limit += np.random.default_rng(rng.getrandbits(32)).normal(0, 0.25, profile.azimuth_steps)
-    return np.degrees(elevation)[None] < limit[:, None]
+    hidden: np.ndarray = np.degrees(elevation)[None] < limit[:, None]
+    return hidden

@@ -58,15 +58,17 @@ class Scanner:
             scene.prims, scene.boxes, order, scene.velocity, self._rays, self._slope, *shot, self._phase, rig.drop,
             self._tangents, states, duration, seed[2], self._depth, self._hit, self._cosine,
         )  # fmt: skip
-        return returns.report(
+        report: tuple[np.ndarray, np.ndarray] = returns.report(
             self._depth, self._hit, self._cosine, scene.prims, scene.labels, SURFACE_LABELS, rig.albedo, MATERIAL_LOSS,
             local, self._rays, rig.drop, self._restoring(guess), rig.hidden, rig.bias,
             np.array((profile.min_range, profile.max_range)), rig.noise, rig.sensitivity, rig.loss,
             rig.stray if imperfect else 0.0, profile.remission_step, imperfect, seed[3],
         )  # fmt: skip
+        return report
 
     def _restoring(self, guess: np.ndarray | None) -> np.ndarray:
         """(columns, 3, 4) what takes a point measured at a column to the frame of the scan."""
         if guess is None:
             return np.tile(np.eye(4)[:3], (len(self._phase), 1, 1))
-        return rays.restoring(guess, self._phase)
+        transforms: np.ndarray = rays.restoring(guess, self._phase)
+        return transforms

@@ -63,12 +63,13 @@ class Terrain:
 
     def height_at(self, x: float, y: float) -> float:
         """Height of the ground, m."""
-        return bilinear(self.height, self.x0, self.y0, self.cell, x, y)
+        return float(bilinear(self.height, self.x0, self.y0, self.cell, x, y))
 
     def heights_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Heights (n,) of the ground, m."""
-        return bilinear_many(self.height, self.x0, self.y0, self.cell, x, y)
+        heights: np.ndarray = bilinear_many(self.height, self.x0, self.y0, self.cell, x, y)
+        return heights
 
     def edge_at(self, x: float, y: float) -> float:
         """Distance from the nearest road's edge, m; negative on a road."""
-        return bilinear(self.edge, self.x0, self.y0, COARSE, x, y)
+        return float(bilinear(self.edge, self.x0, self.y0, COARSE, x, y))

@@ -57,7 +57,9 @@ class Traffic:
             self._fill_lanes()
             self._keep_apart()
 
-    def _add(self, draw: Draw, labels, path: Path, start: float, speed: Speed, backwards: bool = False) -> None:
+    def _add(
+        self, draw: Draw, labels: tuple[int, int], path: Path, start: float, speed: Speed, backwards: bool = False
+    ) -> None:
         walked, pace = speed.at(self.times)
         states = np.column_stack([path.at(start + walked), pace, walked])
         if backwards:
@@ -129,7 +131,8 @@ class Traffic:
             for road in pair:
                 aside = 0.5 * road.lane_width
                 lines.append(road.line(-aside) if rng.random() < 0.5 else road.line(aside, road.length, 0.0))
-            path = Path(turning_path(*lines, rng.uniform(6, 10)))
+            before, after = lines
+            path = Path(turning_path(before, after, rng.uniform(6, 10)))
             bend = float(path.middle[1:][np.abs(np.diff(path.heading)).argmax()])
             fast = rng.uniform(2.5, 8.0)
             start = bend - rng.uniform(-0.2, 1.0) * fast * self.duration - rng.uniform(0, 8)

@@ -43,7 +43,8 @@ class World:
     ) -> bool:
         """Whether nothing stands in that rectangle; `mark` takes it if so."""
         t = self.terrain
-        return claim(self._plan, t.x0, t.y0, PLAN, x, y, yaw, rear, front, half, mark)
+        free: bool = claim(self._plan, t.x0, t.y0, PLAN, x, y, yaw, rear, front, half, mark)
+        return free
 
     def _passed(self, way: np.ndarray) -> np.ndarray:
         """(rows, columns) bool, the cells of the floor plan that the sensor's vehicle comes to."""

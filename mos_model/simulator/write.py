@@ -37,7 +37,7 @@ def write_dataset(
     frames: int = 100,
     seed: int = 0,
     sensor: str | Sensor = "hdl64e",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], object] | None = None,
     **settings: Any,
 ) -> WrittenDataset:
     """Write `sequences` simulated drives of `frames` scans each to the new folder `out`, whole or not at all.

@@ -63,7 +63,7 @@ class ImageTask(Task):
         super().__init__(weights, device)
         self.config = replace(config, point_head=None)
         self.layout = torch.channels_last if config.channels_last else torch.contiguous_format
-        self.trained = config.build_image_network().to(device, memory_format=self.layout)
+        self.trained = config.build_image_network().to(device).to(memory_format=self.layout)  # type: ignore[call-overload]
 
     def forward(self, trained: nn.Module, batch: list[Sample]) -> tuple[Tensor, Tensor]:
         """See `Task`."""

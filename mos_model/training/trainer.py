@@ -129,7 +129,7 @@ class Trainer:
                 f"step is in {self.out / 'last.pt'}. Lower the learning rate, clip the gradient or use fp32"
             )
         self.optimizer.zero_grad(set_to_none=True)
-        self.scaler.scale(loss.total).backward()
+        torch.autograd.backward(self.scaler.scale(loss.total))
         if config.clip:
             self.scaler.unscale_(self.optimizer)
             nn.utils.clip_grad_norm_(self.task.trained.parameters(), config.clip)
@@ -222,7 +222,7 @@ def make_optimizer(module: nn.Module, config: TrainConfig) -> torch.optim.Optimi
     if config.optimizer == "adam":
         return torch.optim.Adam(module.parameters(), rate, weight_decay=decay)
     parameters = list(module.parameters())
-    groups = [
+    groups: list[dict[str, Any]] = [
         {"params": [p for p in parameters if p.ndim > 1]},
         {"params": [p for p in parameters if p.ndim <= 1], "weight_decay": 0.0},
     ]
