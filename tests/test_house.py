@@ -16,7 +16,7 @@ FLOORS = {  # from the ground up; a room imports only from floors below its own
         {"bundle", "recordings"},
         {"image"},
         {"head"},
-        {"doctor"},
+        {"belief", "doctor"},
         {"runner"},
         {"evaluation", "predict"},
         {"pictures"},
