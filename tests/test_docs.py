@@ -112,24 +112,3 @@ def test_the_readmes_list_every_command_and_benchmark():
     benchmarks = {path.stem for path in (ROOT / "bench").glob("*.py") if "run_alone(bench" in path.read_text()}
     listed = re.findall(r"^\| `python -m bench.(\w+)", (ROOT / "bench" / "README.md").read_text(), re.MULTILINE)
     assert set(listed) == benchmarks
-
-
-def drawn():
-    """{package: its floors from the top down, each a set of rooms}, as CONTRIBUTING draws them."""
-    picture = re.search(r"^```\n(runtime/.*?)^```", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE | re.DOTALL)
-    floors, package = {}, ""
-    for line in picture[1].splitlines():
-        names = {one.removesuffix("/").removesuffix(".py") for one in re.split(r"  +", line.strip())[0].split()}
-        if line.startswith("    "):
-            floors[package].append(names)
-        elif names:
-            (package,) = names
-            floors[package] = []
-    return {package: rooms for package, rooms in floors.items() if rooms}
-
-
-def test_contributing_draws_every_room():
-    for package, floors in drawn().items():
-        rooms = {path.parent.name for path in (ROOT / package).glob("*/__init__.py")}
-        rooms |= {path.stem for path in (ROOT / package).glob("*.py") if path.name != "__init__.py"}
-        assert sorted(room for floor in floors for room in floor) == sorted(rooms)
