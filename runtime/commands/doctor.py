@@ -6,7 +6,18 @@ from typing import TYPE_CHECKING
 import typer
 from rich.text import Text
 
-from runtime.commands.options import Bundle, Calib, Frame, Input, Names, Poses, check_poses, wrong_usage
+from runtime.commands.options import (
+    Bundle,
+    Calib,
+    Columns,
+    Frame,
+    Input,
+    Names,
+    Poses,
+    RemissionScale,
+    check_poses,
+    wrong_usage,
+)
 from runtime.commands.output import say, show_line, show_rows, worded
 from runtime.errors import BundleError
 
@@ -24,6 +35,8 @@ def doctor(
     poses: Poses = None,
     frame: Frame = None,
     calib: Calib = None,
+    columns: Columns = None,
+    remission_scale: RemissionScale = None,
 ) -> None:
     """Look at scans and poses and say in plain words what does not fit. Exit code 1 if anything is bad."""
     check_poses(frame, calib)
@@ -31,8 +44,9 @@ def doctor(
     from runtime.recordings.recording import Options
     from runtime.recordings.registry import check_options, find_recordings
 
-    found, options = find_recordings(path, tuple(names or ())), Options(poses, calib, frame)
+    found = find_recordings(path, tuple(names or ()))
     with wrong_usage():
+        options = Options(poses, calib, frame, columns=columns, remission_scale=remission_scale)
         check_options(found, options)
     sensor = _sensor(bundle)
     bad = False

@@ -1,7 +1,9 @@
 """What every command does with errors, warnings and interrupts: of `mos` and of `python -m ...` alike."""
 
+import logging
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any, TextIO
 
@@ -21,7 +23,7 @@ class Command(TyperCommand):
     def invoke(self, ctx: Any) -> Any:
         name = ctx.command_path.partition(" ")[0]
         before = SPEAKER.set(Speaker(name, {option.name: option.opts[0] for option in self.params if option.name}))
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _said("lidar_mos.recordings"):
             warnings.simplefilter("default", MosWarning)
             warnings.showwarning = _show_warning
             try:
@@ -65,6 +67,27 @@ def is_interrupt(error: BaseException) -> bool:
     return isinstance(error, KeyboardInterrupt) or (
         isinstance(error, SystemError) and isinstance(error.__cause__, KeyboardInterrupt)
     )
+
+
+class _Sayer(logging.Handler):
+    """Says what a logger is told."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        say(record.getMessage())
+
+
+@contextmanager
+def _said(name: str) -> Iterator[None]:
+    """Within, what this logger is told is a line on stderr."""
+    log, sayer = logging.getLogger(name), _Sayer(logging.INFO)
+    before = log.level
+    log.setLevel(logging.INFO)
+    log.addHandler(sayer)
+    try:
+        yield
+    finally:
+        log.removeHandler(sayer)
+        log.setLevel(before)
 
 
 def need_extra(extra: str, *packages: str) -> None:

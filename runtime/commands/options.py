@@ -26,7 +26,8 @@ Input = Annotated[
     Path,
     typer.Argument(
         metavar="INPUT",
-        help="A KITTI sequence (.../sequences/NN), a root with several, or a folder of .bin or .npy scans.",
+        help="A KITTI sequence (.../sequences/NN), a root with several, or a folder of scans: "
+        ".bin, .npy, .pcd, .ply, .las, .laz, .feather.",
     ),
 ]
 Bundle = Annotated[Path | None, typer.Option(help="Bundle to use.", show_default=INSTALLED)]
@@ -49,6 +50,14 @@ Frame = Annotated[
     typer.Option(
         "--pose-frame", help="The poses are those of KITTI's camera or of the LiDAR itself.", show_default="camera"
     ),
+]
+Columns = Annotated[
+    int | None,
+    typer.Option(min=3, help="Numbers a point in .bin files.", show_default="4, or 5 if the fifth is a ring"),
+]
+RemissionScale = Annotated[
+    float | None,
+    typer.Option(help="Full remission in the files, by which it is divided.", show_default="as the first scans show"),
 ]
 
 

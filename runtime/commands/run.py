@@ -7,7 +7,19 @@ import typer
 from rich.table import Table
 
 from runtime.commands.handler import is_interrupt
-from runtime.commands.options import Bundle, Calib, Frame, Input, Names, Poses, Threads, check_poses, wrong_usage
+from runtime.commands.options import (
+    Bundle,
+    Calib,
+    Columns,
+    Frame,
+    Input,
+    Names,
+    Poses,
+    RemissionScale,
+    Threads,
+    check_poses,
+    wrong_usage,
+)
 from runtime.commands.output import Terminal, say, show_line
 from runtime.commands.runner_options import (
     DEFAULTS,
@@ -44,6 +56,8 @@ def run(
     poses: Poses = None,
     frame: Frame = None,
     calib: Calib = None,
+    columns: Columns = None,
+    remission_scale: RemissionScale = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace predictions instead of continuing them.")
     ] = False,
@@ -80,8 +94,10 @@ def run(
     from runtime.recordings.recording import Options
     from runtime.recordings.registry import open_recordings
 
-    options = Options(poses, calib, frame, limit, skip_broken=skip_broken)
     with wrong_usage():
+        options = Options(
+            poses, calib, frame, limit, columns=columns, remission_scale=remission_scale, skip_broken=skip_broken
+        )
         recordings = open_recordings(path, tuple(names or ()), options)
 
     from runtime.runner import MosRunner

@@ -8,7 +8,17 @@ from typing import Annotated
 
 import typer
 
-from runtime.commands.options import Bundle, Calib, Frame, Input, Poses, check_poses
+from runtime.commands.options import (
+    Bundle,
+    Calib,
+    Columns,
+    Frame,
+    Input,
+    Poses,
+    RemissionScale,
+    check_poses,
+    wrong_usage,
+)
 from runtime.commands.output import show_line
 from runtime.errors import SettingError
 
@@ -43,6 +53,8 @@ def view(
     poses: Poses = None,
     frame: Frame = None,
     calib: Calib = None,
+    columns: Columns = None,
+    remission_scale: RemissionScale = None,
 ) -> None:
     """Draw what moves: found, missed and false movers where there are labels (extra 'view')."""
     check_poses(frame, calib)
@@ -63,7 +75,9 @@ def view(
     check_output(out)
     if show:
         check_display(out)
-    opened = open_recording(path, Options(poses, calib, frame), name)
+    with wrong_usage():
+        options = Options(poses, calib, frame, columns=columns, remission_scale=remission_scale)
+    opened = open_recording(path, options, name)
     with counted("scans") as progress:
         draw(
             opened,

@@ -6,9 +6,9 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from runtime.compute.packages import PILLOW, RERUN, need_package
 from runtime.errors import SequenceError, SettingError
 from runtime.files import write_whole
-from runtime.pictures.packages import PILLOW, RERUN, need_package
 from runtime.pictures.snapshot import Snapshot
 
 if TYPE_CHECKING:

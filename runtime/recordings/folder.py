@@ -1,11 +1,12 @@
-"""A folder of .bin or .npy files, numbered in order of time, with `poses.txt`, `calib.txt`, `times.txt` among them."""
+"""A folder of scans, one a file, numbered in order of time, with `poses.txt`, `calib.txt`, `times.txt` among them."""
 
 from pathlib import Path
 
+from runtime.recordings.formats.registry import SUFFIXES
 from runtime.recordings.recording import Options
 from runtime.recordings.scan_files import ScanFiles, open_files, scan_files
 
-TITLE = "a folder of .bin or .npy scans"
+TITLE = f"a folder of {', '.join(SUFFIXES)} scans"
 
 
 def find(path: Path) -> list[Path]:

@@ -20,7 +20,7 @@ class Scan:
     """One turn of the LiDAR. Nobody writes into its arrays."""
 
     key: str  # its name within the recording, and that of its label file
-    data: npt.NDArray[np.float32]  # (N, 4) x, y, z in m, LiDAR frame, and remission; (N, 3) where there is none
+    data: npt.NDArray[np.float32]  # (N, 4) x, y, z in m, LiDAR frame, and remission 0..1; (N, 3) where there is none
     pose: Pose | None = None  # (4, 4) float64 T_world_lidar
     time: float | None = None  # s
     ring: npt.NDArray[np.integer] | None = None  # (N,) number of the laser
@@ -51,6 +51,8 @@ class Options:
     frame: str | None = None  # of FRAMES: whose poses the file holds; None: as the format has it
     limit: int | None = None  # only the first scans
     points_only: bool = False  # leave out poses and times, whatever state they are in
+    columns: int | None = None  # numbers a point in files of raw numbers; None: as they show
+    remission_scale: float | None = None  # what full remission is in the files; None: as the first scans show
     skip_broken: bool = False  # a broken pose is an error of its scan, not of the recording
 
     def __post_init__(self) -> None:
@@ -60,6 +62,10 @@ class Options:
             raise SettingError(f"poses of the LiDAR need no calibration: leave out `calib` ({self.calib}), or `frame`")
         if self.limit is not None and self.limit < 1:
             raise SettingError(f"`limit` must be at least 1, not {self.limit}")
+        if self.columns is not None and self.columns < 3:
+            raise SettingError(f"`columns` must be at least 3, for x y z, not {self.columns}")
+        if self.remission_scale is not None and not 0 < self.remission_scale < float("inf"):
+            raise SettingError(f"`remission_scale` must be above 0, not {self.remission_scale}")
 
 
 DEFAULTS = Options()

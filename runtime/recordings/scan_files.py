@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.errors import PoseError, SequenceError
+from runtime.recordings.formats.registry import SUFFIXES, count_points, find_columns, read_cloud
 from runtime.recordings.labels import read_truth
 from runtime.recordings.pose_files import FilePoses, read_file_poses, read_times
 from runtime.recordings.poses import Poses
 from runtime.recordings.recording import Indexed, Options, Scan
-from runtime.recordings.scans import SUFFIXES, count_points, read_scan
+from runtime.recordings.remission import FIRST, Remission, readable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,19 +32,23 @@ class ScanFiles(Indexed):
     folder: Path  # in which all other files lie
     files: tuple[Path, ...]  # of the scans
     file_poses: FilePoses | None
+    columns: int  # numbers a point, if they are raw
+    remission: Remission
 
     def read(self, index: int) -> Scan:
         if self.file_poses is not None and index in self.file_poses.broken:
             raise PoseError(self.file_poses.broken[index])
+        cloud = read_cloud(self.files[index], self.columns)
         return Scan(
             self.keys[index],
-            read_scan(self.files[index]),
+            self.remission.scaled(cloud.data),
             None if self.poses is None else self.poses[index],
             None if self.times is None else float(self.times[index]),
+            cloud.ring,
         )
 
     def count(self, index: int) -> int:
-        return count_points(self.files[index])
+        return count_points(self.files[index], self.columns)
 
     def labels(self, index: int) -> npt.NDArray[np.uint32] | None:
         path = self.folder / "labels" / f"{self.keys[index]}.label"
@@ -61,6 +66,8 @@ def open_files(folder: Path, scans: Path, options: Options) -> ScanFiles:
     files = list_scans(scans)
     found = None if options.points_only else read_file_poses(folder, files, options)
     times = None if options.points_only else read_times(folder / "times.txt", files, options.limit)
+    columns = options.columns or find_columns(files[:FIRST])
+    first = [lambda file=file: read_cloud(file, columns).data for file in files[:FIRST]]
     files = files[: options.limit]
     return ScanFiles(
         name=folder.name,
@@ -73,6 +80,8 @@ def open_files(folder: Path, scans: Path, options: Options) -> ScanFiles:
         folder=folder,
         files=files,
         file_poses=found,
+        columns=columns,
+        remission=Remission(options.remission_scale, str(folder), lambda: readable(first)),
     )
 
 
@@ -90,7 +99,7 @@ def list_scans(folder: Path) -> tuple[Path, ...]:
     """Scan files of a folder in the order of their numbers. Raises SequenceError."""
     files = scan_files(folder)
     if not files:
-        raise SequenceError(f"{folder}: holds no {' or '.join(SUFFIXES)} scans")
+        raise SequenceError(f"{folder}: holds no scans: no file ends with {', '.join(SUFFIXES)}")
     first = min(files)
     if other := next((file for file in files if _pattern(file) != _pattern(first)), None):
         raise SequenceError(

@@ -20,13 +20,13 @@ def sources():
 @pytest.mark.parametrize(
     "spelling",
     [
-        r"read_scan\(",
+        r"read_cloud\(",
         r"read_poses\(",
         r"read_calib\(",
         r"np\.fromfile",
         r"[\"']velodyne[\"']",
         r"[\"'](poses|calib|times)\.txt[\"']",
-        r"[\"']\.(bin|npy)[\"']",
+        r"[\"']\.(bin|npy|pcd|las|laz|feather)[\"']",
         r"remission_fill",
     ],
 )

@@ -32,7 +32,7 @@ def test_a_sequence_or_its_velodyne_folder_is_itself_found(folder):
 
 
 def test_nothing_to_find(tmp_path):
-    with pytest.raises(SequenceError, match=r"neither sequences/NN/velodyne .* nor a folder of \.bin or \.npy"):
+    with pytest.raises(SequenceError, match=r"neither sequences/NN/velodyne .* nor a folder of \.bin, \.npy"):
         find_recordings(tmp_path)
     with pytest.raises(SequenceError, match="does not exist"):
         find_recordings(tmp_path / "absent")

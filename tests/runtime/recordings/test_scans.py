@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from runtime.errors import ScanError
-from runtime.recordings.scans import as_scan, count_points, read_scan
+from runtime.recordings.scans import as_scan
 
 
 def points(count=5, channels=4, dtype=np.float32):
@@ -64,47 +64,3 @@ def test_other_arrays_are_refused(array, message):
         as_scan(array, where="scan 7")
     assert str(error.value).startswith("scan 7:")
     assert isinstance(error.value, ValueError)
-
-
-@pytest.mark.parametrize("count", [0, 1, 100])
-def test_bin_and_npy_files(tmp_path, count):
-    scan = points(count)
-    scan.tofile(tmp_path / "a.bin")
-    np.save(tmp_path / "a.npy", scan.astype(np.float64))
-    np.save(tmp_path / "b.npy", scan[:, :3])
-    for name in ("a.bin", "a.npy"):
-        np.testing.assert_array_equal(read_scan(tmp_path / name), scan)
-    np.testing.assert_array_equal(read_scan(tmp_path / "b.npy"), scan[:, :3])
-    assert [count_points(tmp_path / name) for name in ("a.bin", "a.npy", "b.npy")] == [count] * 3
-
-
-@pytest.mark.parametrize("size", [1, 15, 17, 12 * 5])
-def test_bin_of_no_whole_number_of_points(tmp_path, size):
-    path = tmp_path / "a.bin"
-    path.write_bytes(bytes(size))
-    for read in (read_scan, count_points):
-        with pytest.raises(ScanError, match="no whole number of points") as error:
-            read(path)
-        assert str(path) in str(error.value)
-
-
-def test_broken_npy(tmp_path):
-    path = tmp_path / "a.npy"
-    np.save(path, points(100))
-    path.write_bytes(path.read_bytes()[:300])
-    for read in (read_scan, count_points):
-        with pytest.raises(ScanError, match="cannot be read"):
-            read(path)
-    np.save(path, np.array([{"a": 1}], object))
-    with pytest.raises(ScanError, match="cannot be read"):
-        read_scan(path)
-    with path.open("wb") as file:
-        np.savez(file, a=points())
-    with pytest.raises(ScanError, match="several arrays"):
-        read_scan(path)
-
-
-@pytest.mark.parametrize("name", ["a.bin", "a.npy"])
-def test_missing_file(tmp_path, name):
-    with pytest.raises(ScanError, match=name):
-        read_scan(tmp_path / name)

@@ -1,0 +1,142 @@
+"""PCD, the Point Cloud Library's format: ASCII, binary, and compressed by LZF (extra `points`).
+
+https://pointclouds.org/documentation/tutorials/pcd_file_format.html
+"""
+
+from dataclasses import dataclass
+from itertools import accumulate
+from pathlib import Path
+
+import numpy as np
+
+from runtime.compute.packages import LZF, need_package
+from runtime.errors import ScanError
+from runtime.recordings.cloud import Cloud, cloud_of
+from runtime.recordings.formats.whole_file import numbers_in, read_bytes
+
+SUFFIXES: tuple[str, ...] = (".pcd",)
+MAX_HEADER = 65536  # bytes
+
+
+def holds(head: bytes) -> bool:
+    """By the comment that most tools write, or the first line of the header."""
+    return head.startswith((b"# .PCD", b"VERSION"))
+
+
+def read(path: Path) -> Cloud:
+    """Points of an organised cloud row by row, those without a return too. Raises ScanError, MissingPackageError."""
+    content = read_bytes(path)
+    header = Header.of(content[:MAX_HEADER], path)
+    body = content[header.size :]
+    if header.encoding == "ascii":
+        rows = numbers_in(body.decode("ascii", "replace"), header.width, path)
+        _check_count(len(rows), header, path)
+        columns = {one.name: rows[: header.points, one.column] for one in header.fields}
+    elif header.encoding == "binary":
+        if len(body) < header.points * header.stride:
+            _check_count(len(body) // header.stride, header, path)
+        records = np.frombuffer(body, header.record(), header.points)
+        columns = {one.name: records[one.name] for one in header.fields}
+    else:
+        body = _decompress(body, path) if header.points else b""
+        if len(body) < header.points * header.stride:
+            raise ScanError(f"{path}: its points, decompressed, are {len(body)} bytes, too few for {header.points}")
+        columns = {
+            one.name: np.frombuffer(body, one.dtype, header.points, one.offset * header.points) for one in header.fields
+        }
+    return cloud_of(columns, str(path))
+
+
+def count(path: Path) -> int:
+    """By the header. Raises ScanError."""
+    try:
+        with path.open("rb") as file:
+            return Header.of(file.read(MAX_HEADER), path).points
+    except OSError as error:
+        raise ScanError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+@dataclass(frozen=True)
+class Field:
+    """A column of one number a point; a field of several, or of none, is only stepped over."""
+
+    name: str
+    dtype: np.dtype[np.generic]
+    offset: int  # bytes, within a point
+    column: int  # numbers before it, within a point
+
+
+@dataclass(frozen=True)
+class Header:
+    """What stands before the points."""
+
+    fields: tuple[Field, ...]
+    points: int
+    encoding: str  # ascii, binary, binary_compressed
+    stride: int  # bytes a point
+    width: int  # numbers a point
+    size: int  # bytes of the header itself
+
+    def record(self) -> np.dtype[np.void]:
+        """The dtype of one point, with the gaps between its fields."""
+        names, dtypes = [one.name for one in self.fields], [one.dtype for one in self.fields]
+        offsets = [one.offset for one in self.fields]
+        return np.dtype({"names": names, "formats": dtypes, "offsets": offsets, "itemsize": self.stride})
+
+    @classmethod
+    def of(cls, head: bytes, path: Path) -> "Header":
+        """Raises ScanError, naming the path."""
+        lines, size = {}, 0
+        for line in head.splitlines(keepends=True):
+            size += len(line)
+            key, *values = line.decode("ascii", "replace").partition("#")[0].split() or [""]
+            lines[key.upper()] = values
+            if key.upper() == "DATA":
+                break
+        if missing := [key for key in ("FIELDS", "SIZE", "TYPE", "DATA") if not lines.get(key)]:
+            raise ScanError(f"{path}: is no whole PCD file: its header has no {', '.join(missing)}")
+        names, kinds = lines["FIELDS"], lines["TYPE"]
+        try:
+            sizes = [int(value) for value in lines["SIZE"]]
+            counts = [int(value) for value in lines.get("COUNT") or ["1"] * len(names)]
+            shape = [int(*lines[key]) for key in ("WIDTH", "HEIGHT") if key in lines]
+            points = int(*lines["POINTS"]) if "POINTS" in lines else int(np.prod(shape))
+            dtypes = [np.dtype(f"<{kind.lower()}{width}") for kind, width in zip(kinds, sizes, strict=True)]
+            parts = list(zip(names, dtypes, counts, strict=True))
+        except (ValueError, TypeError) as error:
+            raise ScanError(f"{path}: its header is no PCD header: {error}") from error
+        encoding = lines["DATA"][0].lower()
+        if encoding not in ("ascii", "binary", "binary_compressed") or points < 0 or min(counts) < 0:
+            raise ScanError(f"{path}: its header is no PCD header: DATA {encoding}, {points} points, COUNT {counts}")
+        offsets = list(accumulate((dtype.itemsize * times for _, dtype, times in parts), initial=0))
+        columns = list(accumulate(counts, initial=0))
+        # Padding of 0 bytes comes of a writer that misplaces it: what follows is not where the header has it.
+        known = counts.index(0) if 0 in counts else len(counts)
+        fields = {
+            name: Field(name, dtype, offset, column)
+            for (name, dtype, times), offset, column in zip(parts[:known], offsets, columns, strict=False)
+            if times == 1
+        }
+        return cls(tuple(fields.values()), points, encoding, offsets[-1], columns[-1], size)
+
+
+def _check_count(found: int, header: Header, path: Path) -> None:
+    if found < header.points:
+        raise ScanError(f"{path}: is cut off: it holds {found} of its {header.points} points")
+
+
+def _decompress(body: bytes, path: Path) -> bytes:
+    """What follows the two sizes, by LZF; field after field."""
+    need_package(LZF, f"{path}: PCD compressed by LZF")
+    import lzf
+
+    packed, full = (int(size) for size in np.frombuffer(body[:8].ljust(8, b"\0"), "<u4"))
+    if len(body) < 8 + packed:
+        raise ScanError(f"{path}: is cut off: it holds {max(0, len(body) - 8)} of {packed} bytes of points")
+    try:
+        points: bytes | None = lzf.decompress(body[8 : 8 + packed], full)
+    except ValueError:
+        points = None
+    if points is None or len(points) != full:
+        raise ScanError(f"{path}: its points cannot be decompressed; the file is damaged")
+    return points

@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+
+from runtime.compute import packages
+from runtime.errors import MissingPackageError, ScanError
+from runtime.recordings.formats.registry import count_points, read_cloud
+from tests.support.scan_writers import write_las
+
+
+@pytest.fixture
+def points(scan):
+    return scan[3:]  # LAS knows no NaN
+
+
+@pytest.fixture(params=["a.las", "a.laz"])
+def path(request, tmp_path):
+    pytest.importorskip("laspy")
+    pytest.importorskip("lazrs")
+    return tmp_path / request.param
+
+
+def test_scans_come_back(path, points):
+    write_las(path, points)
+    cloud = read_cloud(path)
+    np.testing.assert_allclose(cloud.data[:, :3], points[:, :3], atol=6e-5)
+    np.testing.assert_array_equal(cloud.data[:, 3], np.round(points[:, 3] * 65535))
+    assert count_points(path) == len(points)
+    assert cloud.ring is None
+
+
+def test_no_points(path, points):
+    write_las(path, points[:0])
+    assert len(read_cloud(path).data) == count_points(path) == 0
+
+
+def test_intensity_that_is_nowhere_is_none(path, points):
+    points[:, 3] = 0
+    write_las(path, points)
+    assert read_cloud(path).data.shape == (len(points), 3)
+
+
+def test_cut_off(path, points):
+    write_las(path, points)
+    whole = path.read_bytes()
+    for length in (len(whole) - 300, 100):
+        path.write_bytes(whole[:length])
+        with pytest.raises(ScanError, match=rf"{path.name}: (cannot be read as LAS|is cut off)"):
+            read_cloud(path)
+
+
+def test_without_the_package(path, points, monkeypatch):
+    write_las(path, points)
+    monkeypatch.setattr(packages, "has_package", lambda name: False)
+    for read in (read_cloud, count_points):
+        with pytest.raises(MissingPackageError, match=r"lidar-mos\[points\]"):
+            read(path)
