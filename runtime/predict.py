@@ -16,9 +16,10 @@ from runtime.bundle.manifest import MANIFEST
 from runtime.errors import MosError, PoseError, ScanError
 from runtime.recordings.journal import JOURNAL, Dependence, Entry, Journal
 from runtime.recordings.labels import LABEL_BYTES, write_labels
+from runtime.recordings.poses import check_pose
 from runtime.recordings.recording import Indexed, Recording, Scan
 from runtime.recordings.run_note import claim, delete
-from runtime.runner import MosRunner
+from runtime.runner import MosResult, MosRunner
 
 
 @dataclass
@@ -89,6 +90,16 @@ def predict(
     return run.summary
 
 
+@dataclass
+class _Read:
+    """A scan whose label has not been dealt with."""
+
+    scan: Scan
+    seconds: float  # that it took to read it
+    known: bool = False  # to the runner, by a call
+    result: MosResult | None = None
+
+
 class _Run:
     """A run between two scans."""
 
@@ -98,29 +109,36 @@ class _Run:
         self.note = claim(folder, _identity(recording, runner), recording, overwrite)
         self.journal = Journal(folder.with_name(JOURNAL))
         self.summary = Summary(folder)
-        self._dependence = Dependence(runner.history_length)
+        self._delay: int = runner.settings.delay
+        self._dependence = Dependence(runner.history_length + self._delay)
+        self._ahead: deque[_Read] = deque()  # read, but their labels depend on scans that are not
         self._unseen: deque[Scan] = deque(maxlen=runner.history_length)  # the last, where the runner does not know them
+        self._given: deque[_Read] = deque()  # to the runner, which has not given their results yet
         runner.reset()
 
     def one(self, scans: Iterator[Scan]) -> bool:
-        """Read the next scan and label it, unless its label is there; False where there is none any more."""
+        """Read the next scan, and label that which it completes unless its label is there; False at the end."""
         started = time.perf_counter()
         scan = next(scans, None)
         if scan is None:
+            self.finish()
             return False
+        check_pose(scan.known_pose(), "pose")  # before other scans come to depend on it
         made_of = self._dependence.add(self.recording.fingerprint(scan))
-        path = self.folder / f"{scan.key}.label"
-        size = path.stat().st_size if path.is_file() else None
-        if self.journal[scan.key] == Entry(made_of) and size == LABEL_BYTES * len(scan.data):
-            self._leave_out(scan)
-        else:
-            self.summary.anew += self.journal[scan.key].made_of not in (None, made_of)
-            self._label(scan, path, made_of, started)
+        self._ahead.append(_Read(scan, time.perf_counter() - started))
+        if len(self._ahead) > self._delay:
+            self._deal_with(made_of)
         return True
+
+    def finish(self) -> None:
+        """Nothing follows the scans that were read: label those that wait for what does."""
+        while self._ahead:
+            self._deal_with(self._dependence.add(""))
 
     def skip(self, key: str, reason: str) -> None:
         """Leave a broken scan without a label, and forget those before it."""
-        self.runner.reset()
+        self.finish()
+        self._forget()
         self._unseen.clear()
         self._dependence.clear()
         self.summary.broken[key] = reason
@@ -135,38 +153,73 @@ class _Run:
     def stopped(self, error: MosError, index: int, total: int | None) -> MosError:
         """The error of a scan, with where it is and what is left."""
         name = self.recording.keys[index] if isinstance(self.recording, Indexed) else "number"
+        waiting = f", but for {len(self._ahead)} that wait for later scans," if self._delay else ""
         return type(error)(
             f"stopped at scan {name} ({index + 1}{f' of {total}' if total else ''}): {error}. The "
-            f"predictions before it are complete in {self.folder}; the same command goes on from there"
+            f"predictions before it are complete{waiting} in {self.folder}; the same command goes on from there"
         )
 
     def close(self) -> None:
         """Note the scans that are broken still."""
         self.note.write(self.journal.broken())
 
-    def _leave_out(self, scan: Scan) -> None:
-        if len(self._unseen) == self._unseen.maxlen:  # what the runner has is too old: to it, the poses would jump
-            self.runner.reset()
-        self._unseen.append(scan)
-        self.summary.resumed += 1
+    def _deal_with(self, made_of: str) -> None:
+        """Label the first of the scans ahead unless its label is there, made of the same."""
+        read = self._ahead[0]
+        key = read.scan.key
+        path = self.folder / f"{key}.label"
+        size = path.stat().st_size if path.is_file() else None
+        if self.journal[key] == Entry(made_of) and size == LABEL_BYTES * len(read.scan.data):
+            self.summary.resumed += 1
+        else:
+            self.summary.anew += self.journal[key].made_of not in (None, made_of)
+            self._label(read, path, made_of)
+        self._ahead.popleft()
+        if not read.known:
+            if len(self._unseen) == self._unseen.maxlen:  # what the runner has is too old: to it, the poses would jump
+                self._forget()
+            self._unseen.append(read.scan)
 
-    def _label(self, scan: Scan, path: Path, made_of: str, started: float) -> None:
-        """Run and write one scan that was read since `started`, and note seconds of each stage."""
-        read = time.perf_counter()
+    def _label(self, read: "_Read", path: Path, made_of: str) -> None:
+        """Run and write one scan, and note seconds of each stage."""
         while self._unseen:
             past = self._unseen.popleft()
             self.runner.remember(past.data, past.known_pose(), past.time)
         begun = time.perf_counter()
-        result = self.runner(scan.data, scan.known_pose(), scan.time)
+        result = self._result(read)
         ran = time.perf_counter()
-        self.journal.take_back(scan.key)
+        self.journal.take_back(read.scan.key)
         write_labels(path, result.moving)
-        self.journal.note(scan.key, Entry(made_of))
+        self.journal.note(read.scan.key, Entry(made_of))
         written = time.perf_counter()
         stages = {stage: seconds for stage, seconds in result.timing.items() if stage != "total"}
-        whole = read - started + written - begun
-        stages = {"read": read - started, **stages, "write": written - ran, "scan": whole}
-        self.summary.add(len(scan.data), int(np.count_nonzero(result.moving)), stages)
+        whole = read.seconds + written - begun
+        stages = {"read": read.seconds, **stages, "write": written - ran, "scan": whole}
+        self.summary.add(len(read.scan.data), int(np.count_nonzero(result.moving)), stages)
+
+    def _result(self, read: "_Read") -> MosResult:
+        """The result of the first of the scans ahead, once the runner has seen all of them."""
+        for one in self._ahead:
+            if not one.known:
+                given = one.scan
+                result = self.runner(given.data, given.known_pose(), given.time)
+                one.known = True
+                self._given.append(one)
+                self._take([result] if result else [])
+        if read.result is None:  # nothing follows
+            self._take(self.runner.flush())
+        assert read.result is not None
+        return read.result
+
+    def _take(self, results: list[MosResult]) -> None:
+        """Results come in the order of the scans."""
+        for result in results:
+            self._given.popleft().result = result
+
+    def _forget(self) -> None:
+        """The next scan is the first of a sequence to the runner."""
+        self.runner.reset()
+        self._given.clear()
 
 
 def _identity(recording: Recording, runner: MosRunner) -> dict[str, Any]:
@@ -177,7 +230,8 @@ def _identity(recording: Recording, runner: MosRunner) -> dict[str, Any]:
         "postprocess": runner.postprocess,
         "refine": runner.settings.refine,
         "precision": runner.precision,
-        "belief": runner.settings.belief,
+        "belief": runner.settings.belief_or_default,
+        "delay": runner.settings.delay,
         "version": __version__,
         "poses": recording.poses_from,
     }

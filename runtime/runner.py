@@ -4,7 +4,7 @@ import logging
 import math
 import threading
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from runtime.belief.believers import choose_believer
+from runtime.belief.delay import Delay
 from runtime.belief.places import Places
 from runtime.bundle.loading import Bundle, load_bundle
 from runtime.bundle.residual import HISTORY
@@ -45,6 +46,7 @@ class MosResult:
     probability: NDArray[np.float32]  # (N,) that it does: of the point head, or of the point's pixel without one
     ready: bool  # the history was full: all residual images had a scan
     timing: dict[str, float]  # s: "input", "network", "postprocess", "belief", "history", "total"
+    index: int  # of the scan, counted since `reset()`
 
 
 class MosRunner:
@@ -86,7 +88,9 @@ class MosRunner:
         )
         started = [one for one in wanted if provider_name(one) in self._image_net.providers]
         self.postprocess, self._refiner = choose_refiner(self.bundle, given, self.workers, started)
-        self._believer = choose_believer(given.belief, self.postprocess, manifest, self.workers)
+        self._believer = choose_believer(given, self.postprocess, manifest, self.workers)
+        self._delay = Delay(given.delay, self._believer.judge, _with_labels)
+        self._scans = 0  # since `reset()`
         self._history = History(manifest.tuned)
         self._misfits = 0  # scans in a row whose surroundings do not fall together with those of the past
         self._closed = False
@@ -103,7 +107,13 @@ class MosRunner:
         with self._lock:
             self._history.clear()
             self._believer.clear()
-            self._misfits = 0
+            self._delay.clear()
+            self._misfits = self._scans = 0
+
+    def flush(self) -> list[MosResult]:
+        """The results that a delay still holds back, oldest first, by what is known up to now."""
+        with self._lock:
+            return self._delay.flush()
 
     def close(self) -> None:
         """End the threads. A closed runner labels nothing any more."""
@@ -119,8 +129,11 @@ class MosRunner:
     ) -> None:
         self.close()
 
-    def __call__(self, scan: ArrayLike, pose: ArrayLike, time: float | None = None) -> MosResult:
+    def __call__(self, scan: ArrayLike, pose: ArrayLike, time: float | None = None) -> MosResult | Any:
         """Label the next scan of a sequence.
+
+        With a delay the result is that of the scan so many calls before, and None until there is one. A jump makes
+        those that wait final, and loses none; `flush()` returns them.
 
         scan: (N, 4) f32 or f64 x, y, z in m, LiDAR frame, and remission in 0..1; (N, 3), and remission that is not
             finite, take the mean remission that the network subtracts. Points at the origin, beyond the sensor's
@@ -133,35 +146,45 @@ class MosRunner:
         time) or InferenceError; the history is then as it was.
         """
         with self._lock:
-            watch = Stopwatch()
-            entered, checked, jump = self._enter(scan, pose, time)
-            past = [] if jump else self._history.past(checked)
-            # Project and compare: the range image and its residuals
-            projected = self._inputs.project(entered, past)
-            image = self._inputs.residuals(projected, past)
-            watch.lap("input")
-            # Infer and refine: from pixels to points
-            labels = self._label(entered, image, watch)
-            # Believe: what the last scans found at these places
-            believed = self._believer.believe(entered, checked, labels, follows=bool(past))
-            watch.lap("belief")
-            # Remember
-            misfits = self._misfits + 1 if self._is_misfit(image, past) else 0
-            self._remember(entered, checked, time, jump, misfits, believed.places)
-            watch.lap("history")
-        return MosResult(*believed.labels, ready=len(past) == HISTORY, timing=watch.timing())
+            result, places = self._step(scan, pose, time)
+            self._delay.put(result.index, result, places)
+            return self._delay.due(result.index)
 
     def remember(self, scan: ArrayLike, pose: ArrayLike, time: float | None = None) -> None:
         """Put a scan into the history without a result, to go on in the middle of a sequence.
 
         With belief it is labelled all the same, since labels are what is believed.
         """
-        if self._believer.horizon:
-            self(scan, pose, time)
-            return
         with self._lock:
-            entered, checked, jump = self._enter(scan, pose, time)
-            self._remember(entered, checked, time, jump)
+            if self._believer.horizon:
+                self._step(scan, pose, time)
+            else:
+                self._pass(scan, pose, time)
+
+    def _step(self, scan: ArrayLike, pose: ArrayLike, time: float | None) -> tuple[MosResult, Places | None]:
+        """Label a scan and remember it."""
+        watch = Stopwatch()
+        entered, checked, jump = self._enter(scan, pose, time)
+        past = [] if jump else self._history.past(checked)
+        # Project and compare: the range image and its residuals
+        projected = self._inputs.project(entered, past)
+        image = self._inputs.residuals(projected, past)
+        watch.lap("input")
+        # Infer and refine: from pixels to points
+        labels = self._label(entered, image, watch)
+        # Believe: what the last scans found at these places
+        labels, places = self._believer.believe(entered, checked, labels, follows=bool(past))
+        watch.lap("belief")
+        # Remember
+        misfits = self._misfits + 1 if self._is_misfit(image, past) else 0
+        index = self._remember(entered, checked, time, jump, misfits, places)
+        watch.lap("history")
+        return MosResult(*labels, len(past) == HISTORY, watch.timing(), index), places
+
+    def _pass(self, scan: ArrayLike, pose: ArrayLike, time: float | None) -> None:
+        """Remember a scan without labelling it."""
+        entered, checked, jump = self._enter(scan, pose, time)
+        self._remember(entered, checked, time, jump)
 
     def _enter(self, scan: ArrayLike, pose: ArrayLike, time: float | None) -> tuple[Entered, Pose, str]:
         """The scan in a buffer of this runner, its pose, and in what it does not follow the one before; all checked."""
@@ -185,20 +208,25 @@ class MosRunner:
 
     def _remember(
         self, scan: Entered, pose: Pose, time: float | None, jump: str, misfits: int = 0, places: Places | None = None
-    ) -> None:
+    ) -> int:
+        """Its number since `reset()`."""
         self._misfits = misfits
         if misfits == DOUBTS:  # where warnings are errors, the history stays as it was
             text = (
                 f"under these poses the surroundings of {HISTORY} scans ago lie elsewhere, and standing things seem to "
                 "move. Are they T_world_lidar, not a camera's, not inverted? `mos doctor` looks into recordings"
             )
-            warnings.warn(text, MosWarning, stacklevel=3)
+            warnings.warn(text, MosWarning, stacklevel=4)
         if jump:
-            warnings.warn(f"{jump}: the history of past scans is dropped", MosWarning, stacklevel=3)
+            warnings.warn(f"{jump}: the history of past scans is dropped", MosWarning, stacklevel=4)
             self._history.clear()
+            self._delay.settle()
             self._believer.clear()
         self._history.add(scan, pose, time)
         self._believer.add(places)
+        self._delay.reach(self._scans)
+        self._scans += 1
+        return self._scans - 1
 
     def _is_misfit(self, image: ImageInput, past: list[Past]) -> bool:
         """By the median size of the oldest residual image, over every 32nd of the pixels that both scans saw."""
@@ -219,6 +247,10 @@ class MosRunner:
         self(wall, np.eye(4))
         self.reset()
         self._refiner.warm_up()
+
+
+def _with_labels(result: MosResult, labels: PointLabels) -> MosResult:
+    return replace(result, moving=labels.moving, probability=labels.probability)
 
 
 def _check_time(time: float | None) -> None:

@@ -11,8 +11,10 @@ CHOICES = {
     "refine": ("near", "all"),
     "head_engine": ("auto", "numba", "onnx"),
     "precision": ("auto", "float32", "int8"),
-    "belief": ("none", "online"),
+    "belief": ("auto", "none", "online"),
 }
+
+LONGEST_DELAY = 50  # scans
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,10 @@ class RunnerSettings:
     head_engine: str = "auto"
     # of the image network: "float32", "int8", or "auto": INT8 where the bundle has it and the processor gains from it
     precision: str = "auto"
-    belief: str = "none"  # "online": what the last scans found at a place counts there; "none": every scan by itself
+    # "online": what the last scans found at a place counts there; "none": every scan by itself; "auto": "online" with a
+    # delay, else "none"
+    belief: str = "auto"
+    delay: int = 0  # later scans that count too: a call returns the result of the scan so many calls before
     providers: Sequence[Any] | None = None  # of ONNX Runtime, best first, each a name or (name, options); None: the CPU
     allow_fallback: bool = False  # a provider that is not there is left out with a warning, instead of an error
     session_options: Mapping[str, str] = field(default_factory=dict)  # of ONNX Runtime's session configuration
@@ -40,6 +45,16 @@ class RunnerSettings:
                 raise SettingError(f"{name} must be one of {', '.join(known)}, not {value!r}")
         if isinstance(self.providers, str):
             raise SettingError(f"providers must be a list of names, as [{self.providers!r}]")
+
+        if isinstance(self.delay, bool) or not isinstance(self.delay, int) or not 0 <= self.delay <= LONGEST_DELAY:
+            raise SettingError(f"delay must be a whole number of 0 to {LONGEST_DELAY} scans, not {self.delay!r}")
+        if self.delay and self.belief == "none":
+            raise SettingError("a delay without belief gains nothing: choose belief 'online', or no delay")
+
+    @property
+    def belief_or_default(self) -> str:
+        """What `belief` means: "none" or "online"."""
+        return ("online" if self.delay else "none") if self.belief == "auto" else self.belief
 
     def changed(self, changes: Mapping[str, Any]) -> "RunnerSettings":
         """These settings but for some. Raises SettingError for a name that there is not."""

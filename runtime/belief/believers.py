@@ -1,5 +1,6 @@
 """From the labels of one scan to those of one scan among others: what was found at a place counts there again."""
 
+from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -13,6 +14,7 @@ from runtime.errors import SettingError
 from runtime.head.refiners import PointLabels
 from runtime.image.entry import Entered
 from runtime.recordings.poses import Pose
+from runtime.settings import RunnerSettings
 
 _GRAIN = 16_384  # points per task
 
@@ -35,6 +37,9 @@ class Believer(Protocol):
     def add(self, places: Places | None) -> None:
         """Remember what was found at the places of the last scan."""
 
+    def judge(self, places: Places) -> PointLabels:
+        """Labels of an earlier scan, by all that is known now."""
+
     def clear(self) -> None:
         """Forget everything."""
 
@@ -51,6 +56,10 @@ class Unbelieving:
     def add(self, places: Places | None) -> None:
         """See `Believer`."""
 
+    def judge(self, places: Places) -> PointLabels:
+        """See `Believer`: there are no places, so none are asked for."""
+        raise NotImplementedError
+
     def clear(self) -> None:
         """See `Believer`."""
 
@@ -60,8 +69,9 @@ class Online:
 
     def __init__(self, numbers: BeliefNumbers, workers: Workers) -> None:
         self.horizon, self._numbers, self._workers = numbers.horizon, numbers, workers
+        self._threshold = np.float32(numbers.threshold)
         self._surveyor = Surveyor(numbers.voxel_size, workers)
-        self._memory = Memory(numbers.horizon, workers)
+        self._memory = Memory(self.horizon, workers)
 
     @property
     def nbytes(self) -> int:
@@ -71,25 +81,27 @@ class Online:
     def believe(self, scan: Entered, pose: Pose, labels: PointLabels, follows: bool) -> Believed:
         """See `Believer`."""
         places = self._surveyor.survey(scan, pose, labels.probability)
-        if not follows:
-            return Believed(labels, places)
-        numbers = self._numbers
-        belief = np.maximum(np.float32(numbers.weight) * self._memory.recall(places.keys), np.float32(numbers.floor))
-        threshold = np.float32(numbers.threshold)
-        believed = PointLabels(np.empty(len(scan), np.bool_), np.empty(len(scan), np.float32))
+        return Believed(self.judge(places) if follows else labels, places)
+
+    def judge(self, places: Places) -> PointLabels:
+        """See `Believer`."""
+        weight, floor = np.float32(self._numbers.weight), np.float32(self._numbers.floor)
+        belief = np.maximum(weight * self._memory.recall(places.keys), floor)
+        count = len(places.place)
+        believed = PointLabels(np.empty(count, np.bool_), np.empty(count, np.float32))
         self._workers.ranges(
             lambda start, stop: _weigh(
                 places.log_odds[start:stop],
                 places.place[start:stop],
                 belief,
-                threshold,
+                self._threshold,
                 believed.moving[start:stop],
                 believed.probability[start:stop],
             ),
-            len(scan),
+            count,
             _GRAIN,
         )
-        return Believed(believed, places)
+        return believed
 
     def add(self, places: Places | None) -> None:
         """See `Believer`."""
@@ -101,16 +113,30 @@ class Online:
         self._memory.clear()
 
 
-def choose_believer(name: str, postprocess: str, manifest: Manifest, workers: Workers) -> Believer:
-    """What the setting `belief` names: "none" or "online".
+class Delayed(Online):
+    """Leaves labels as they are until `judge` is asked, when `delay` later scans are known too."""
+
+    def __init__(self, numbers: BeliefNumbers, delay: int, workers: Workers) -> None:
+        super().__init__(replace(numbers, horizon=numbers.horizon + delay), workers)
+        self._threshold = np.float32(numbers.delayed_threshold)
+
+    def believe(self, scan: Entered, pose: Pose, labels: PointLabels, follows: bool) -> Believed:
+        """See `Believer`."""
+        return Believed(labels, self._surveyor.survey(scan, pose, labels.probability))
+
+
+def choose_believer(settings: RunnerSettings, postprocess: str, manifest: Manifest, workers: Workers) -> Believer:
+    """What the settings `belief` and `delay` ask for.
 
     Raises SettingError with the post-processing "knn", whose votes are no probabilities.
     """
+    name = settings.belief_or_default
     if name == "none":
         return Unbelieving()
     if postprocess == "knn":
         raise SettingError(f"belief {name!r} adds up probabilities, and knn has votes: choose postprocess head or none")
-    return Online(manifest.tuned.belief, workers)
+    numbers = manifest.tuned.belief
+    return Delayed(numbers, settings.delay, workers) if settings.delay else Online(numbers, workers)
 
 
 @kernel

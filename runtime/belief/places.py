@@ -28,6 +28,10 @@ class Places:
     place: NDArray[np.int32]  # (N,) the voxel of each point; -1: takes no part
     log_odds: NDArray[np.float32]  # (N,) of each point
 
+    def copy(self) -> "Places":
+        """In arrays of its own."""
+        return Places(self.keys.copy(), self.evidence.copy(), self.place.copy(), self.log_odds.copy())
+
 
 class Surveyor:
     """Finds the places of scans, with buffers that are reused. Not for concurrent calls."""

@@ -73,14 +73,17 @@ class BeliefNumbers:
     weight: float = 0.3  # of the sum of their log-odds, beside those of the scan itself
     floor: float = -6.0  # of that product: what stood for long may start to move
     threshold: float = 0.38  # probability from which a point moves, all counted
+    delayed_threshold: float = 0.18  # the same where later scans count too
 
     def __post_init__(self) -> None:
         if not 0.01 <= self.voxel_size <= 10:
             raise SettingError(f"a place must be 0.01 m to 10 m wide, not {self.voxel_size!r}")
         if not 1 <= self.horizon <= 64:
             raise SettingError(f"the horizon of belief must be 1 to 64 scans, not {self.horizon!r}")
-        if not (0 <= self.weight <= 10 and -1000 <= self.floor <= 0 and 0 <= self.threshold < 1):
-            raise SettingError("belief takes a weight of 0 to 10, a floor of -1000 to 0 and a threshold of 0 to 1")
+        if not (0 <= self.weight <= 10 and -1000 <= self.floor <= 0):
+            raise SettingError("belief takes a weight of 0 to 10 and a floor of -1000 to 0")
+        if not (0 <= self.threshold < 1 and 0 <= self.delayed_threshold < 1):
+            raise SettingError("the thresholds of belief must be probabilities below 1")
 
 
 @dataclass(frozen=True)

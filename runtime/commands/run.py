@@ -24,6 +24,7 @@ from runtime.commands.output import Terminal, say, show_line
 from runtime.commands.runner_options import (
     DEFAULTS,
     Belief,
+    Delay,
     Fallback,
     HeadEngine,
     Postprocess,
@@ -70,6 +71,7 @@ def run(
     head_engine: HeadEngine = None,
     precision: Precision = DEFAULTS.precision,
     belief: Belief = DEFAULTS.belief,
+    delay: Delay = DEFAULTS.delay,
     providers: Providers = None,
     allow_fallback: Fallback = False,
     session_options: SessionOptions = None,
@@ -86,6 +88,7 @@ def run(
         head_engine=head_engine or DEFAULTS.head_engine,
         precision=precision,
         belief=belief,
+        delay=delay,
         providers=[provider(text) for text in providers or ()] or None,
         allow_fallback=allow_fallback,
         session_options=dict(key_value(text) for text in session_options or ()),

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from runtime.commands.options import wrong_usage
-from runtime.settings import CHOICES, RunnerSettings
+from runtime.settings import CHOICES, LONGEST_DELAY, RunnerSettings
 
 DEFAULTS = RunnerSettings()
 
@@ -42,6 +42,10 @@ Precision = Annotated[
 Belief = Annotated[
     str,
     _choice("belief", help="online: what the last scans found at a place counts there, too."),
+]
+Delay = Annotated[
+    int,
+    _option(min=0, max=LONGEST_DELAY, help="Later scans that count for a label too."),
 ]
 Providers = Annotated[
     list[str] | None,

@@ -10,6 +10,7 @@ from runtime.compute.workers import Workers
 from runtime.errors import SettingError
 from runtime.head.refiners import PointLabels
 from runtime.image.entry import Entry
+from runtime.settings import RunnerSettings
 from tests.support import reference_belief as reference
 from tests.support.paths import BUNDLE
 
@@ -89,8 +90,8 @@ def test_given_labels_are_not_written_to():
 def test_votes_are_not_believed():
     manifest = load_bundle(BUNDLE).manifest
     with pytest.raises(SettingError, match="knn has votes"):
-        choose_believer("online", "knn", manifest, Workers(1))
-    assert choose_believer("none", "knn", manifest, Workers(1)).horizon == 0
+        choose_believer(RunnerSettings(belief="online"), "knn", manifest, Workers(1))
+    assert choose_believer(RunnerSettings(), "knn", manifest, Workers(1)).horizon == 0
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """MosRunner with belief, alone and over a recording, on the tiny bundle with a short horizon."""
 
-import json
-import shutil
 import warnings
 
 import numpy as np
@@ -12,33 +10,8 @@ from runtime.errors import InferenceError, MosWarning, PoseError, SettingError
 from runtime.predict import predict
 from runtime.recordings.registry import open_recording
 from runtime.runner import MosRunner
-from tests.support import street
+from tests.runtime.belief.conftest import COUNT, HORIZON, files
 from tests.support.paths import BUNDLE
-
-HORIZON = 3
-COUNT = 16  # more than a result depends on
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    return street.write_kitti(tmp_path_factory.mktemp("street") / "07", COUNT, rows=16, columns=120)
-
-
-@pytest.fixture(scope="module")
-def scans(made):
-    return [(scan.data, scan.known_pose()) for scan in open_recording(made)]
-
-
-@pytest.fixture(scope="module")
-def bundle(scans, tmp_path_factory):
-    """The tiny bundle, with a threshold that its untrained network passes for about half of the points."""
-    folder = shutil.copytree(BUNDLE, tmp_path_factory.mktemp("bundle") / "tiny")
-    with MosRunner(folder, threads=1, postprocess="none") as plain:
-        middle = float(np.median(np.concatenate([plain(*scan).probability for scan in scans])))
-    manifest = json.loads((folder / "manifest.json").read_text())
-    manifest["tuned"]["belief"] = {"horizon": HORIZON, "voxel_size": 0.5, "weight": 0.5, "threshold": middle}
-    (folder / "manifest.json").write_text(json.dumps(manifest))
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -139,15 +112,12 @@ def test_nothing_to_see(runner, scans, scan):
 
 
 def test_belief_that_there_is_not():
-    with pytest.raises(SettingError, match="belief must be one of none, online"):
+    with pytest.raises(SettingError, match="belief must be one of auto, none, online"):
         MosRunner(BUNDLE, belief="always")
 
 
 @pytest.mark.parametrize("done", [1, 4, HISTORY + HORIZON, COUNT - 1])
 def test_an_interrupted_run_goes_on_to_the_same_bytes(made, runner, tmp_path, done):
-    def files(name):
-        return {file.name: file.read_bytes() for file in sorted((tmp_path / name).rglob("*.label"))}
-
     def stop(count, total):
         if count == done:
             raise KeyboardInterrupt
@@ -157,8 +127,8 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(made, runner, tmp_path, do
         predict(open_recording(made), runner, tmp_path / "parts", on_progress=stop)
     summary = predict(open_recording(made), runner, tmp_path / "parts")
     assert (summary.resumed, summary.scans) == (done, COUNT - done)
-    assert files("parts") == files("whole")
-    assert len(set(files("whole").values())) > 1
+    assert files(tmp_path / "parts") == files(tmp_path / "whole")
+    assert len(set(files(tmp_path / "whole").values())) > 1
 
 
 def test_predictions_without_belief_are_not_continued_with_it(made, bundle, runner, tmp_path):
