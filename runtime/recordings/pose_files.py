@@ -2,6 +2,7 @@
 
 import os
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,11 +11,14 @@ import numpy.typing as npt
 
 from runtime.errors import MosError, MosWarning, PoseError, SequenceError, some
 from runtime.recordings.calib import read_calib
-from runtime.recordings.poses import Pose, Poses, camera_to_lidar, check_pose, read_poses, with_nearest_rotations
+from runtime.recordings.pose_table import read_pose_table
+from runtime.recordings.poses import Pose, Poses, camera_to_lidar, check_pose, with_nearest_rotations
 from runtime.recordings.recording import Options
 from runtime.recordings.text import lines_of, read_text, to_numbers
+from runtime.recordings.trajectory import poses_at
 
 KITTI_AXES = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])  # T_camera_lidar, roughly
+Times = npt.NDArray[np.float64]  # (T,) s
 LONGEST_STEP = 1.0  # s between two scans, at the median: longer ones are no times in seconds
 
 
@@ -37,6 +41,17 @@ class PoseFiles:
         """Words that change when other files are named, and not when all of it is moved."""
         files = [self.poses] if self.calib is None else [self.poses, self.calib]
         return f"{' and '.join(_from(folder, file) for file in files)}, {self.frame}"
+
+    def readings(self, raw: Poses, folder: Path) -> dict[str, Poses]:
+        """See `Indexed.other_poses`."""
+        inverted: Poses = np.linalg.inv(raw).astype(np.float64)
+        if self.calib is not None:
+            return {"lidar": raw, "inverse": self.lidar_poses(inverted)}
+        try:
+            tr: Pose = read_calib(folder / "calib.txt")
+        except PoseError:
+            tr = KITTI_AXES
+        return {"camera": camera_to_lidar(raw, tr), "inverse": inverted}
 
 
 def find_pose_files(folder: Path, options: Options) -> PoseFiles:
@@ -61,53 +76,64 @@ def find_pose_files(folder: Path, options: Options) -> PoseFiles:
 
 
 @dataclass(frozen=True)
-class FilePoses:
-    """The poses of a recording's scans, from a file."""
+class ScanPoses:
+    """The poses of a recording's scans."""
 
     poses: Poses  # (T, 4, 4) float64 T_world_lidar
-    raw: Poses  # (T, 4, 4), the same as they stand in the file
-    lines: list[int]  # of the file, from 0
-    total: int  # poses in the file
     broken: dict[int, str]  # what is wrong with the pose of a scan, by number
-    files: PoseFiles
-
-    def readings(self, folder: Path) -> dict[str, Poses]:
-        """See `Indexed.other_poses`."""
-        inverted: Poses = np.linalg.inv(self.raw).astype(np.float64)
-        if self.files.calib is not None:
-            return {"lidar": self.raw, "inverse": self.files.lidar_poses(inverted)}
-        try:
-            tr: Pose = read_calib(folder / "calib.txt")
-        except PoseError:
-            tr = KITTI_AXES
-        return {"camera": camera_to_lidar(self.raw, tr), "inverse": inverted}
+    origin: str  # see `Recording.poses_from`
+    others: Callable[[], dict[str, Poses]]  # see `Indexed.other_poses`
 
 
-def read_file_poses(folder: Path, scans: tuple[Path, ...], options: Options) -> FilePoses:
+def read_file_poses(folder: Path, scans: tuple[Path, ...], options: Options, times: Times | None) -> ScanPoses:
     """The poses of the first `options.limit` scans. Raises PoseError, SequenceError; warns as `match_lines` says.
 
-    Line n of the pose file belongs to the n-th scan. Where it has more lines than there are scans, as with an
+    Where both scans and poses have times that overlap, each scan has the pose of its time (`poses_at`). Else
+    line n of the pose file belongs to the n-th scan. Where it has more lines than there are scans, as with an
     excerpt of a long sequence, line n belongs to the scan numbered n, from 0, and a MosWarning says so.
     """
     files = find_pose_files(folder, options)
-    raw = with_nearest_rotations(read_poses(files.poses))
-    lines = match_lines(scans, len(raw), f"{files.poses}: {len(raw)} poses", options.limit)
-    if lines != list(range(len(lines))):
-        warnings.warn(
-            f"{files.poses}: {len(raw)} poses for {len(scans)} scans: each scan takes the line of its number "
-            f"({lines[0]} to {lines[-1]}, from 0)",
-            MosWarning,
-            stacklevel=2,
-        )
-    poses, broken = files.lidar_poses(raw)[lines], {}
-    for index, line in enumerate(lines):
-        try:
-            poses[index] = check_pose(poses[index], f"{files.poses}: pose {line} (from 0, scan {scans[index].name})")
-        except PoseError as error:
-            broken[index] = str(error)
-    if broken and not options.skip_broken:
+    table = read_pose_table(files.poses)
+    raw = with_nearest_rotations(table.poses)
+    if times is not None and table.times is not None and _overlap(times, table.times):
+        raw, broken = poses_at(times, table.times, raw, str(files.poses))
+        poses, names = files.lidar_poses(raw), [f"scan {scan.name}" for scan in scans]
+    else:
+        lines, broken = match_lines(scans, len(raw), f"{files.poses}: {len(raw)} poses", options.limit), {}
+        if lines != list(range(len(lines))):
+            warnings.warn(
+                f"{files.poses}: {len(raw)} poses for {len(scans)} scans: each scan takes the line of its number "
+                f"({lines[0]} to {lines[-1]}, from 0)",
+                MosWarning,
+                stacklevel=2,
+            )
+        poses, raw = files.lidar_poses(raw)[lines], raw[lines]
+        names = [f"pose {line} (from 0, scan {scans[index].name})" for index, line in enumerate(lines)]
+    names = [f"{files.poses}: {name}" for name in names]
+    poses, broken = checked(poses, broken, names, options.skip_broken)
+    return ScanPoses(poses, broken, files.origin(folder), lambda: files.readings(raw, folder))
+
+
+def checked(poses: Poses, broken: dict[int, str], names: list[str], skip_broken: bool) -> tuple[Poses, dict[int, str]]:
+    """Poses (T, 4, 4) as `check_pose` has them, and what is wrong with the others, by number.
+
+    broken: the same, known before; names: for messages. Raises PoseError unless skip_broken.
+    """
+    poses, broken = poses.copy(), dict(broken)
+    for index in range(len(poses)):
+        if index not in broken:
+            try:
+                poses[index] = check_pose(poses[index], names[index])
+            except PoseError as error:
+                broken[index] = str(error)
+    if broken and not skip_broken:
         raise PoseError(some(list(broken.values()), most=1))
-    return FilePoses(poses, raw[lines], lines, len(raw), broken, files)
+    return poses, broken
+
+
+def _overlap(times: Times, known: Times) -> bool:
+    """Whether two clocks are the same, as far as can be told."""
+    return bool((times <= known.max()).any() and (times >= known.min()).any())
 
 
 def match_lines(scans: tuple[Path, ...], count: int, what: str, limit: int | None = None) -> list[int]:
@@ -132,7 +158,7 @@ def match_lines(scans: tuple[Path, ...], count: int, what: str, limit: int | Non
     return numbers[:used]
 
 
-def read_times(file: Path, scans: tuple[Path, ...], limit: int | None) -> npt.NDArray[np.float64] | None:
+def read_times(file: Path, scans: tuple[Path, ...], limit: int | None) -> Times | None:
     """Times of the first `limit` scans in s; None where there is no file, or one of no use: then with a MosWarning."""
     if not file.is_file():
         return None
@@ -140,7 +166,7 @@ def read_times(file: Path, scans: tuple[Path, ...], limit: int | None) -> npt.ND
         values = np.array([value for _, fields in lines_of(read_text(file)) for value in to_numbers(fields)])
         if not np.isfinite(values).all():
             raise ValueError
-        times: npt.NDArray[np.float64] = values[match_lines(scans, len(values), f"{file}: {len(values)} times", limit)]
+        times: Times = values[match_lines(scans, len(values), f"{file}: {len(values)} times", limit)]
     except ValueError as error:  # as all of ours are too
         reason = str(error) if isinstance(error, MosError) else f"{file}: is not made of numbers"
     else:

@@ -1,12 +1,9 @@
-"""Poses `T_world_lidar`: reading, checking, and the way from KITTI's camera frame to the LiDAR's."""
-
-from pathlib import Path
+"""Poses `T_world_lidar`: checking, and the way from KITTI's camera frame to the LiDAR's."""
 
 import numpy as np
 import numpy.typing as npt
 
 from runtime.errors import PoseError
-from runtime.recordings.text import lines_of, read_text, to_numbers
 
 # Largest entry of R R^T - I, and of |det R - 1|, up to which a rotation is taken as it is, and up to which the nearest
 # one is taken in its place: rounding to three decimals costs at most 2.6e-3.
@@ -15,34 +12,6 @@ ROUNDED_TOLERANCE = 3e-3
 
 Pose = npt.NDArray[np.float64]  # (4, 4)
 Poses = npt.NDArray[np.float64]  # (T, 4, 4)
-
-
-def read_poses(path: str | Path) -> Poses:
-    """Poses of a text file, (T, 4, 4) float64 in the frame of the file, not yet checked by `check_pose`.
-
-    One pose a line: 12 numbers (KITTI, the upper three rows), 16 numbers (the whole matrix), or 8 numbers
-    (TUM: time, position, quaternion x y z w; the time is not used). Lines as in `lines_of`. Raises PoseError naming
-    the file and the line.
-    """
-    path = Path(path)
-    rows: list[list[float]] = []
-    for number, fields in lines_of(read_text(path)):
-        try:
-            row = to_numbers(fields)
-        except ValueError as error:
-            raise PoseError(f"{path}: line {number} is not made of numbers") from error
-        if len(row) not in (8, 12, 16) or len(row) != len(rows[0] if rows else row):
-            expected = f"{len(rows[0])} like the lines before" if rows else "12 (KITTI), 16 (matrix) or 8 (TUM)"
-            raise PoseError(f"{path}: line {number} has {len(row)} numbers, not {expected}")
-        rows.append(row)
-    if not rows:
-        raise PoseError(f"{path}: holds no poses")
-    values = np.array(rows)
-    if values.shape[1] == 8:
-        return _from_tum(values)
-    poses = np.tile(np.eye(4), (len(values), 1, 1))
-    poses[:, : values.shape[1] // 4] = values.reshape(len(values), -1, 4)
-    return poses
 
 
 def camera_to_lidar(poses: Poses, tr: Pose) -> Poses:
@@ -117,18 +86,3 @@ def relative_pose(target: Pose, source: Pose) -> Pose:
     transform[:3, :3] = back @ source[:3, :3]
     transform[:3, 3] = back @ (source[:3, 3] - target[:3, 3])
     return transform
-
-
-def _from_tum(values: npt.NDArray[np.float64]) -> Poses:
-    """(T, 8) time, position, quaternion x y z w to (T, 4, 4)."""
-    poses = np.tile(np.eye(4), (len(values), 1, 1))
-    poses[:, :3, 3] = values[:, 1:4]
-    q = values[:, 4:]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        x, y, z, w = (
-            q / np.linalg.norm(q, axis=1, keepdims=True)
-        ).T  # a zero quaternion becomes NaN: check_pose says so
-    poses[:, 0, :3] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1)
-    poses[:, 1, :3] = np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1)
-    poses[:, 2, :3] = np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1)
-    return poses

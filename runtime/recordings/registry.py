@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from runtime.errors import SequenceError, SettingError, some
-from runtime.recordings import folder, kitti
+from runtime.recordings import argoverse, folder, kitti
 from runtime.recordings.recording import DEFAULTS, Indexed, Options
 
 
@@ -25,7 +25,7 @@ class Reader(Protocol):
         ...
 
 
-READERS: tuple[Reader, ...] = (kitti, folder)  # the first that finds anything takes it
+READERS: tuple[Reader, ...] = (kitti, argoverse, folder)  # the first that finds anything takes it
 
 
 @dataclass(frozen=True)

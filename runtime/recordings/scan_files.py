@@ -12,10 +12,11 @@ import numpy.typing as npt
 from runtime.errors import PoseError, SequenceError
 from runtime.recordings.formats.registry import SUFFIXES, count_points, find_columns, read_cloud
 from runtime.recordings.labels import read_truth
-from runtime.recordings.pose_files import FilePoses, read_file_poses, read_times
-from runtime.recordings.poses import Poses
+from runtime.recordings.pose_files import ScanPoses, Times, read_file_poses, read_times
+from runtime.recordings.poses import Pose, Poses
 from runtime.recordings.recording import Indexed, Options, Scan
 from runtime.recordings.remission import FIRST, Remission, readable
+from runtime.recordings.scans import moved
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,9 +32,10 @@ class ScanFiles(Indexed):
     times: npt.NDArray[np.float64] | None
     folder: Path  # in which all other files lie
     files: tuple[Path, ...]  # of the scans
-    file_poses: FilePoses | None
+    file_poses: ScanPoses | None
     columns: int  # numbers a point, if they are raw
     remission: Remission
+    mount: Pose | None  # (4, 4) T_file_lidar, where the points of the files are in another frame than the LiDAR's
 
     def read(self, index: int) -> Scan:
         if self.file_poses is not None and index in self.file_poses.broken:
@@ -41,7 +43,7 @@ class ScanFiles(Indexed):
         cloud = read_cloud(self.files[index], self.columns)
         return Scan(
             self.keys[index],
-            self.remission.scaled(cloud.data),
+            self.remission.scaled(cloud.data if self.mount is None else moved(cloud.data, np.linalg.inv(self.mount))),
             None if self.poses is None else self.poses[index],
             None if self.times is None else float(self.times[index]),
             cloud.ring,
@@ -55,7 +57,7 @@ class ScanFiles(Indexed):
         return read_truth(path, self.count(index)) if path.is_file() else None
 
     def other_poses(self) -> dict[str, Poses]:
-        return {} if self.file_poses is None else self.file_poses.readings(self.folder)
+        return {} if self.file_poses is None else self.file_poses.others()
 
 
 def open_files(folder: Path, scans: Path, options: Options) -> ScanFiles:
@@ -64,8 +66,20 @@ def open_files(folder: Path, scans: Path, options: Options) -> ScanFiles:
     Raises SequenceError or PoseError.
     """
     files = list_scans(scans)
-    found = None if options.points_only else read_file_poses(folder, files, options)
     times = None if options.points_only else read_times(folder / "times.txt", files, options.limit)
+    found = None if options.points_only else read_file_poses(folder, files, options, times)
+    return of_files(folder, files, options, found, times)
+
+
+def of_files(
+    folder: Path,
+    files: tuple[Path, ...],
+    options: Options,
+    found: ScanPoses | None,
+    times: Times | None,
+    mount: Pose | None = None,
+) -> ScanFiles:
+    """The first `options.limit` of these files, with their poses and times. mount: see `ScanFiles`."""
     columns = options.columns or find_columns(files[:FIRST])
     first = [lambda file=file: read_cloud(file, columns).data for file in files[:FIRST]]
     files = files[: options.limit]
@@ -73,7 +87,7 @@ def open_files(folder: Path, scans: Path, options: Options) -> ScanFiles:
         name=folder.name,
         source=str(folder),
         sensor=None,
-        poses_from=None if found is None else found.files.origin(folder),
+        poses_from=None if found is None else found.origin,
         keys=tuple(file.stem for file in files),
         poses=None if found is None else found.poses,
         times=times,
@@ -82,6 +96,7 @@ def open_files(folder: Path, scans: Path, options: Options) -> ScanFiles:
         file_poses=found,
         columns=columns,
         remission=Remission(options.remission_scale, str(folder), lambda: readable(first)),
+        mount=mount,
     )
 
 

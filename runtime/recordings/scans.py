@@ -31,3 +31,10 @@ def check_scan(array: npt.ArrayLike, where: str = "scan") -> npt.NDArray[np.floa
             f"remission, not {data.shape}"
         )
     return data
+
+
+def moved(data: ScanData, transform: npt.NDArray[np.floating]) -> ScanData:
+    """A scan (N, 3 or 4) with its points moved by (4, 4) T_target_source; remission stays."""
+    points = data.copy()
+    points[:, :3] = data[:, :3].astype(np.float64) @ transform[:3, :3].T + transform[:3, 3]
+    return points

@@ -29,7 +29,7 @@ def count(path: Path) -> int:
 
 
 def read_columns(path: Path) -> dict[str, npt.NDArray[np.generic]]:
-    """The columns of a file of numbers by their names. Raises ScanError, MissingPackageError."""
+    """The columns of a file by their names. Raises ScanError, MissingPackageError."""
     table = _table(path)
     return {name: column.to_numpy() for name, column in zip(table.column_names, table.columns, strict=True)}
 

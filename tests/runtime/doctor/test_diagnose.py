@@ -6,7 +6,8 @@ import pytest
 from runtime.doctor.diagnose import examine
 from runtime.recordings.calib import read_calib
 from runtime.recordings.formats.registry import read_cloud
-from runtime.recordings.poses import camera_to_lidar, read_poses
+from runtime.recordings.pose_table import read_pose_table
+from runtime.recordings.poses import camera_to_lidar
 from runtime.recordings.recording import Options
 from runtime.recordings.registry import find_recordings
 from runtime.sensors.range_image import RangeImage
@@ -55,7 +56,7 @@ def change_scans(folder, change, every=1):
 
 def change_poses(folder, change):
     path = folder / "poses.txt"
-    street.write_poses(path, change(read_poses(path)))
+    street.write_poses(path, change(read_pose_table(path).poses))
 
 
 def test_a_healthy_sequence(folder):

@@ -1,10 +1,11 @@
-"""A root with two KITTI sequences of tiny scans."""
+"""A root with two KITTI sequences of tiny scans, and files of other projects."""
 
 import shutil
 
 import pytest
 
 from tests.support import street
+from tests.support.paths import SHARED
 
 
 @pytest.fixture(scope="session")
@@ -24,3 +25,12 @@ def root(made, tmp_path):
 @pytest.fixture
 def folder(root):
     return root / "sequences" / "03"
+
+
+@pytest.fixture
+def readers():
+    """The folder of files that public projects keep to test their own readers."""
+    folder = SHARED / "data" / "readers"
+    if not folder.is_dir():
+        pytest.skip(f"real files are not at {folder}")
+    return folder

@@ -21,7 +21,7 @@ def sources():
     "spelling",
     [
         r"read_cloud\(",
-        r"read_poses\(",
+        r"read_pose_table\(",
         r"read_calib\(",
         r"np\.fromfile",
         r"[\"']velodyne[\"']",

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from runtime.errors import MosError, PoseError
-from runtime.recordings.poses import camera_to_lidar, check_pose, read_poses
+from runtime.recordings.pose_table import read_pose_table
+from runtime.recordings.poses import camera_to_lidar, check_pose
 
 
 def rotation(axis, angle):
@@ -26,7 +27,7 @@ def write(path, rows):
 @pytest.mark.parametrize("rows", [3, 4])
 def test_twelve_and_sixteen_numbers_a_line(tmp_path, rows):
     poses = np.stack([pose(0.1 * i, position=(i, 2 * i, -i)) for i in range(5)])
-    got = read_poses(write(tmp_path / "poses.txt", poses[:, :rows].reshape(5, -1)))
+    got = read_pose_table(write(tmp_path / "poses.txt", poses[:, :rows].reshape(5, -1))).poses
     assert got.dtype == np.float64
     np.testing.assert_allclose(got, poses, atol=1e-11)
 
@@ -34,14 +35,14 @@ def test_twelve_and_sixteen_numbers_a_line(tmp_path, rows):
 def test_tum_lines(tmp_path):
     axis, angle = np.array([1, 2, 3]) / np.sqrt(14), 0.7
     quaternion = [*(np.sin(angle / 2) * axis), np.cos(angle / 2)]
-    got = read_poses(write(tmp_path / "tum.txt", [[1.5e9, 4, 5, 6, *quaternion]]))
+    got = read_pose_table(write(tmp_path / "tum.txt", [[1.5e9, 4, 5, 6, *quaternion]])).poses
     np.testing.assert_allclose(got[0], pose(angle), atol=1e-9)
 
 
 def test_comments_and_empty_lines_are_skipped(tmp_path):
     path = write(tmp_path / "poses.txt", [np.eye(4)[:3].ravel()] * 2)
     path.write_text("# poses\n\n" + path.read_text() + "\n\n")
-    assert read_poses(path).shape == (2, 4, 4)
+    assert read_pose_table(path).poses.shape == (2, 4, 4)
 
 
 @pytest.mark.parametrize(
@@ -57,18 +58,18 @@ def test_broken_files_are_named_with_their_line(tmp_path, text, message):
     path = tmp_path / "poses.txt"
     path.write_text(text)
     with pytest.raises(PoseError, match=message) as error:
-        read_poses(path)
+        read_pose_table(path)
     assert str(path) in str(error.value)
     assert isinstance(error.value, MosError)
 
 
 def test_missing_and_binary_files(tmp_path):
     with pytest.raises(PoseError, match="cannot be read"):
-        read_poses(tmp_path / "poses.txt")
+        read_pose_table(tmp_path / "poses.txt")
     for data in (b"\x80\x00", b"1 0\x00", b"\xff\xfe\x31"):
         (tmp_path / "poses.txt").write_bytes(data)
         with pytest.raises(PoseError, match="not a text"):
-            read_poses(tmp_path / "poses.txt")
+            read_pose_table(tmp_path / "poses.txt")
 
 
 def test_camera_poses_become_lidar_poses_that_start_at_the_identity():
@@ -113,7 +114,7 @@ def test_text_files_of_other_tools(tmp_path, data):
     for name, form in forms.items():
         text = text.replace("{" + name + "}", form)
     (tmp_path / "poses.txt").write_bytes(text.encode(encoding))
-    got = read_poses(tmp_path / "poses.txt")
+    got = read_pose_table(tmp_path / "poses.txt").poses
     np.testing.assert_array_equal(got[:, :3], [ROW.reshape(3, 4)] * 2)
 
 

@@ -1,18 +1,7 @@
-"""Files of other projects, and scans as they are written by hand."""
+"""Scans that are hard to write."""
 
 import numpy as np
 import pytest
-
-from tests.support.paths import SHARED
-
-
-@pytest.fixture
-def readers():
-    """The folder of files that public projects keep to test their own readers."""
-    folder = SHARED / "data" / "readers"
-    if not folder.is_dir():
-        pytest.skip(f"real files are not at {folder}")
-    return folder
 
 
 @pytest.fixture
