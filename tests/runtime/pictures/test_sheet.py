@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
-from PIL import Image
 
 from runtime.pictures import Snapshot
-from runtime.pictures.bird import draw_bird, pixels_of
-from runtime.pictures.sheet import BIRD, CAPTION, GAP, HEAD, NARROW, STRIP, WIDTH, draw_sheet
-from runtime.pictures.strip import draw_strip
 from runtime.pictures.verdict import BACKGROUND, CAR_PAINT, COLOURS, FALSE_ALARM, FOUND, MISSED, STILL
+
+Image = pytest.importorskip("PIL.Image")
+from runtime.pictures.bird import draw_bird, pixels_of  # noqa: E402
+from runtime.pictures.sheet import BIRD, CAPTION, GAP, HEAD, NARROW, STRIP, WIDTH, draw_sheet  # noqa: E402
+from runtime.pictures.strip import draw_strip  # noqa: E402
 
 SIZE, REACH = (400, 200), 20.0  # 10 pixels a metre
 

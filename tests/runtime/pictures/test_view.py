@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from mos_model.simulator.demo import run_demo
 from runtime.classes import to_classes
@@ -19,6 +18,8 @@ from runtime.recordings.registry import open_recording
 from tests.support import street
 from tests.support.disk import full_disk
 from tests.support.paths import TINY
+
+Image = pytest.importorskip("PIL.Image")
 
 SCANS = TINY / "scans" / "sequences" / "00"
 

@@ -58,5 +58,6 @@ def test_the_doctor_takes_it(drive, capsys):
 
 def test_mos_draws_it(drive, tmp_path):
     pytest.importorskip("PIL")
+    pytest.importorskip("PIL")
     assert main(["view", str(drive), "--out", str(tmp_path / "a.png"), "--bundle", str(BUNDLE)]) == 0
     assert (tmp_path / "a.png").stat().st_size > 1000
