@@ -14,7 +14,9 @@ from runtime.commands.options import (
     Input,
     Names,
     Poses,
+    PoseTopic,
     RemissionScale,
+    Topic,
     check_poses,
     wrong_usage,
 )
@@ -35,6 +37,8 @@ def doctor(
     poses: Poses = None,
     frame: Frame = None,
     calib: Calib = None,
+    topic: Topic = None,
+    pose_topic: PoseTopic = None,
     columns: Columns = None,
     remission_scale: RemissionScale = None,
 ) -> None:
@@ -46,7 +50,9 @@ def doctor(
 
     found = find_recordings(path, tuple(names or ()))
     with wrong_usage():
-        options = Options(poses, calib, frame, columns=columns, remission_scale=remission_scale)
+        options = Options(
+            poses, calib, frame, topic=topic, pose_topic=pose_topic, columns=columns, remission_scale=remission_scale
+        )
         check_options(found, options)
     sensor = _sensor(bundle)
     bad = False

@@ -27,7 +27,7 @@ Input = Annotated[
     typer.Argument(
         metavar="INPUT",
         help="A KITTI sequence (.../sequences/NN), a root with several, or a folder of scans: "
-        ".bin, .npy, .pcd, .ply, .las, .laz, .feather.",
+        ".bin, .npy, .pcd, .ply, .las, .laz, .feather; or a bag of ROS: .bag, .db3, .mcap.",
     ),
 ]
 Bundle = Annotated[Path | None, typer.Option(help="Bundle to use.", show_default=INSTALLED)]
@@ -50,6 +50,11 @@ Frame = Annotated[
     typer.Option(
         "--pose-frame", help="The poses are those of KITTI's camera or of the LiDAR itself.", show_default="camera"
     ),
+]
+Topic = Annotated[str | None, typer.Option(help="Topic of the points in a bag.", show_default="the only one")]
+PoseTopic = Annotated[
+    str | None,
+    typer.Option(help="Topic of the poses in a bag.", show_default="the only odometry in the frame of the points"),
 ]
 Columns = Annotated[
     int | None,

@@ -15,8 +15,10 @@ from runtime.commands.options import (
     Input,
     Names,
     Poses,
+    PoseTopic,
     RemissionScale,
     Threads,
+    Topic,
     check_poses,
     wrong_usage,
 )
@@ -57,6 +59,8 @@ def run(
     poses: Poses = None,
     frame: Frame = None,
     calib: Calib = None,
+    topic: Topic = None,
+    pose_topic: PoseTopic = None,
     columns: Columns = None,
     remission_scale: RemissionScale = None,
     overwrite: Annotated[
@@ -99,7 +103,15 @@ def run(
 
     with wrong_usage():
         options = Options(
-            poses, calib, frame, limit, columns=columns, remission_scale=remission_scale, skip_broken=skip_broken
+            poses,
+            calib,
+            frame,
+            limit,
+            topic=topic,
+            pose_topic=pose_topic,
+            columns=columns,
+            remission_scale=remission_scale,
+            skip_broken=skip_broken,
         )
         recordings = open_recordings(path, tuple(names or ()), options)
 

@@ -15,7 +15,9 @@ from runtime.commands.options import (
     Frame,
     Input,
     Poses,
+    PoseTopic,
     RemissionScale,
+    Topic,
     check_poses,
     wrong_usage,
 )
@@ -53,6 +55,8 @@ def view(
     poses: Poses = None,
     frame: Frame = None,
     calib: Calib = None,
+    topic: Topic = None,
+    pose_topic: PoseTopic = None,
     columns: Columns = None,
     remission_scale: RemissionScale = None,
 ) -> None:
@@ -76,7 +80,9 @@ def view(
     if show:
         check_display(out)
     with wrong_usage():
-        options = Options(poses, calib, frame, columns=columns, remission_scale=remission_scale)
+        options = Options(
+            poses, calib, frame, topic=topic, pose_topic=pose_topic, columns=columns, remission_scale=remission_scale
+        )
     opened = open_recording(path, options, name)
     with counted("scans") as progress:
         draw(

@@ -51,6 +51,8 @@ class Options:
     frame: str | None = None  # of FRAMES: whose poses the file holds; None: as the format has it
     limit: int | None = None  # only the first scans
     points_only: bool = False  # leave out poses and times, whatever state they are in
+    topic: str | None = None  # of the clouds in a bag; None: the only one
+    pose_topic: str | None = None  # of the poses in a bag; None: the only odometry in the frame of the points
     columns: int | None = None  # numbers a point in files of raw numbers; None: as they show
     remission_scale: float | None = None  # what full remission is in the files; None: as the first scans show
     skip_broken: bool = False  # a broken pose is an error of its scan, not of the recording
@@ -60,6 +62,8 @@ class Options:
             raise SettingError(f"`frame` must be camera or lidar, not {self.frame!r}")
         if self.frame == "lidar" and self.calib:
             raise SettingError(f"poses of the LiDAR need no calibration: leave out `calib` ({self.calib}), or `frame`")
+        if self.poses and self.pose_topic:
+            raise SettingError("poses are from a file (`poses`) or a topic (`pose_topic`): leave out one of the two")
         if self.limit is not None and self.limit < 1:
             raise SettingError(f"`limit` must be at least 1, not {self.limit}")
         if self.columns is not None and self.columns < 3:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from runtime.errors import SequenceError, SettingError, some
-from runtime.recordings import argoverse, folder, kitti
+from runtime.recordings import argoverse, folder, kitti, ros
 from runtime.recordings.recording import DEFAULTS, Indexed, Options
 
 
@@ -25,7 +25,7 @@ class Reader(Protocol):
         ...
 
 
-READERS: tuple[Reader, ...] = (kitti, argoverse, folder)  # the first that finds anything takes it
+READERS: tuple[Reader, ...] = (kitti, argoverse, folder, ros)  # the first that finds anything takes it
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,11 @@ def open_recordings(path: str | Path, names: tuple[str, ...] = (), options: Opti
 
 
 def check_options(found: list[Found], options: Options) -> None:
-    """Raises SettingError where what belongs to one recording is given for several."""
+    """Raises SettingError where what belongs to one recording is given for several, or topics for what has none."""
     if len(found) > 1 and (options.poses or options.calib):
         raise SettingError(f"a pose file or calibration is for one recording, not for {len(found)}: name one (`names`)")
+    if (options.topic or options.pose_topic) and any(one.reader is not ros for one in found):
+        raise SettingError(f"topics (`topic`, `pose_topic`) are of {ros.TITLE}, and {found[0].path} is none")
 
 
 def as_given(path: Path) -> Path:

@@ -10,6 +10,7 @@ from runtime.recordings.recording import Options
 from runtime.recordings.registry import open_recording
 from runtime.runner import MosRunner
 from tests.support import street
+from tests.support.bag_writers import KINDS, BagWriter
 from tests.support.paths import BUNDLE
 from tests.support.scan_writers import write_las, write_pcd, write_ply
 
@@ -79,3 +80,14 @@ def test_las_keeps_a_tenth_of_a_millimetre(scans, labels_of, expected, tmp_path,
         write_las(tmp_path / "log" / f"{number}{suffix}", np.nan_to_num(scan))  # it knows no NaN: the origin
     found, wanted = (np.concatenate(labels) for labels in (labels_of(tmp_path / "log"), expected))
     assert (found != wanted).mean() <= 1e-3  # of a network that is not trained
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bags(scans, labels_of, expected, tmp_path, kind):
+    pytest.importorskip("rosbags")
+    path = tmp_path / ("log.bag" if kind == "bag" else "log")
+    with BagWriter(path, kind) as bag:
+        for number, scan in enumerate(scans):
+            bag.cloud(scan, 0.1 * number)
+    for found, wanted in zip(labels_of(path), expected, strict=True):
+        np.testing.assert_array_equal(found, wanted)

@@ -1,0 +1,110 @@
+"""A bag of ROS 1 or 2 as a stream of messages, by `rosbags`, whatever its errors are called."""
+
+import warnings
+import weakref
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from runtime.compute.packages import ROSBAGS, need_package
+from runtime.errors import MosWarning, ScanError, SequenceError
+
+NOTE = "metadata.yaml"  # of a folder that is a bag of ROS 2
+ROS1, MCAP, SQLITE = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"
+MAGIC = {".bag": ROS1, ".mcap": MCAP, ".db3": SQLITE}
+JOURNALS = ("-wal", "-journal")  # of SQLite
+REPAIR = {
+    ".bag": "if it was cut off, `rosbag reindex` may repair it",
+    ".mcap": "if it was cut off, `mcap recover` may repair it",
+    ".db3": "if it was cut off, `ros2 bag reindex` or `sqlite3 .recover` may repair it",
+}
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message of a topic."""
+
+    received: int  # ns
+    data: bytes  # serialised
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a file begins as a bag does, or a folder has what makes it one."""
+    if path.is_dir():
+        return (path / NOTE).is_file() and any(file.suffix in MAGIC for file in path.iterdir())
+    magic = MAGIC.get(path.suffix)
+    if magic is None or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(magic)) == magic
+
+
+class Bag:
+    """An open bag. It is closed when nobody has it any more."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises SequenceError, MissingPackageError."""
+        need_package(ROSBAGS, f"{path}: a bag of ROS")
+        from rosbags import rosbag1, rosbag2
+        from rosbags.typesys import Stores, get_typestore
+
+        self.path, self.ros1 = path, path.suffix == ".bag" and path.is_file()
+        self._types = get_typestore(Stores.ROS1_NOETIC if self.ros1 else Stores.ROS2_HUMBLE)
+        try:
+            self._reader: Any = (rosbag1 if self.ros1 else rosbag2).Reader(path)
+            self._reader.open()
+        except Exception as error:  # of rosbags, of SQLite, of what unpacks: there is no common base
+            raise SequenceError(f"{path}: cannot be read as a bag: {_text(error)}{_repair(path)}") from error
+        for file in [path] if path.is_file() else sorted(path.iterdir()):
+            for journal in (file.with_name(file.name + end) for end in JOURNALS):
+                if file.suffix == ".db3" and journal.is_file() and journal.stat().st_size:
+                    warnings.warn(
+                        f"{file}: {journal.name} beside it holds what was written last, and is not read; "
+                        f"`sqlite3 {file.name} 'PRAGMA wal_checkpoint'` puts it in",
+                        MosWarning,
+                        stacklevel=2,
+                    )
+        weakref.finalize(self, self._reader.close)
+
+    def topics(self) -> dict[str, tuple[str, int]]:
+        """Type and number of messages of every topic."""
+        counts = Counter[tuple[str, str]]()
+        for one in self._reader.connections:
+            counts[one.topic, one.msgtype] += one.msgcount
+        return {topic: (kind, count) for (topic, kind), count in counts.items()}
+
+    def messages(self, topic: str, start: int | None = None, skip: int = 0) -> Iterator[Message]:
+        """Those of a topic in the order of the bag, from time `start` ns on but for the first `skip`.
+
+        Raises ScanError where the bag is broken.
+        """
+        connections = [one for one in self._reader.connections if one.topic == topic]
+        try:
+            for index, (_, time, data) in enumerate(self._reader.messages(connections, start)):
+                if index >= skip:
+                    yield Message(time, data)
+        except Exception as error:  # as above
+            raise ScanError(f"the bag is broken: {_text(error)}") from error
+
+    def decoded(self, message: Message, kind: str, where: str) -> Any:
+        """The content of a message of a type that ROS itself brings. Raises ScanError, beginning with `where`."""
+        try:
+            decode = self._types.deserialize_ros1 if self.ros1 else self._types.deserialize_cdr
+            return decode(message.data, kind)
+        except Exception as error:
+            raise ScanError(f"{where}: cannot be read as {kind}: {_text(error)}") from error
+
+
+def _text(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".rstrip(": .")
+
+
+def _repair(path: Path) -> str:
+    if path.is_file() and path.suffix != ".bag":
+        from importlib.metadata import version
+
+        if version("rosbags").startswith("0.9."):
+            return f". rosbags {version('rosbags')} reads only folders with {NOTE}: pip install 'rosbags>=0.10'"
+    return f"; {REPAIR[path.suffix]}" if path.suffix in REPAIR else ""
