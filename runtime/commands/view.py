@@ -83,7 +83,7 @@ def view(
         options = Options(
             poses, calib, frame, topic=topic, pose_topic=pose_topic, columns=columns, remission_scale=remission_scale
         )
-    opened = open_recording(path, options, name)
+        opened = open_recording(path, options, name)
     with counted("scans") as progress:
         draw(
             opened,

@@ -59,12 +59,13 @@ def find_recordings(path: str | Path, names: tuple[str, ...] = ()) -> list[Found
 
 
 def open_recording(path: str | Path, options: Options = DEFAULTS, name: str | None = None) -> Indexed:
-    """The one recording at `path` or below, or that of this name. Raises SequenceError and what readers raise."""
+    """The one recording at `path` or below, or that of this name. Raises as `open_recordings`."""
     found = find_recordings(path, (name,) if name else ())
     if len(found) > 1:
         raise SequenceError(
             f"{path}: has the sequences {some([one.path.name for one in found], most=30)}; name one (`name`)"
         )
+    check_options(found, options)
     return found[0].open(options)
 
 
