@@ -1,5 +1,6 @@
 """A drive of Argoverse 2: sweeps as Feather files named by their time in ns, and the poses of the vehicle."""
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from runtime.recordings.poses import Pose, Poses, check_pose
 from runtime.recordings.recording import Options
 from runtime.recordings.scan_files import ScanFiles, of_files
 from runtime.recordings.trajectory import poses_at
+
+log = logging.getLogger("lidar_mos.recordings")
 
 TITLE = "a drive of Argoverse 2"
 POSES = "city_SE3_egovehicle.feather"
@@ -43,6 +46,7 @@ def open_at(path: Path, options: Options) -> ScanFiles:
         raise SequenceError(f"{folder}: holds no sweeps, NUMBER.feather")
     used = tuple(files[: options.limit])
     times = np.array([int(file.stem) / 1e9 for file in used])
+    log.info("%s: its points are those of two LiDARs, taken as if the upper one had seen them all", path)
     mount, found = _mount(path), None
     if options.poses and not options.points_only:
         found = read_file_poses(path, used, replace(options, frame=options.frame or "lidar"), times)

@@ -1,3 +1,5 @@
+import logging
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -50,12 +52,14 @@ def drive(tmp_path, mount):
     return folder
 
 
-def test_a_drive(drive, mount):
+def test_a_drive(drive, mount, caplog):
+    caplog.set_level(logging.INFO, "lidar_mos")
     for given in (drive, drive / SWEEPS, drive.parent):
         (found,) = find_recordings(given)
         assert found.path == drive
     recording = open_recording(drive)
     assert (recording.name, len(recording), recording.poses_from) == ("a1b2", COUNT, POSES)
+    assert "those of two LiDARs" in caplog.text
     poses = street.drive(2 * COUNT)[::2]
     np.testing.assert_allclose(recording.poses, poses, atol=1e-9)
     scan = recording.read(2)
