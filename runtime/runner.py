@@ -22,10 +22,11 @@ from runtime.compute.quota import available_processors
 from runtime.compute.sessions import provider_name
 from runtime.compute.stopwatch import Stopwatch
 from runtime.compute.workers import Workers
+from runtime.doctor.watch import Look, Watch
 from runtime.errors import InferenceError, MosWarning, SettingError
 from runtime.head.refiners import PointLabels, choose_refiner
 from runtime.image.entry import Entered
-from runtime.image.history import History, Past
+from runtime.image.history import History
 from runtime.image.image_net import ImageNet
 from runtime.image.inputs import ImageInput, InputBuilder
 from runtime.image.precision import choose_precision
@@ -34,8 +35,6 @@ from runtime.recordings.poses import Pose, check_pose
 from runtime.settings import RunnerSettings
 
 log = logging.getLogger("lidar_mos")
-
-DOUBTS = 5  # scans in a row that do not fit until poses are doubted
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ class MosRunner:
         self._delay = Delay(given.delay, self._believer.judge, _with_labels)
         self._scans = 0  # since `reset()`
         self._history = History(manifest.tuned)
-        self._misfits = 0  # scans in a row whose surroundings do not fall together with those of the past
+        self._doctor = Watch(sensor.range_image)
         self._closed = False
         self._lock = threading.Lock()
         self._warm_up()
@@ -108,7 +107,8 @@ class MosRunner:
             self._history.clear()
             self._believer.clear()
             self._delay.clear()
-            self._misfits = self._scans = 0
+            self._doctor.reset()
+            self._scans = 0
 
     def flush(self) -> list[MosResult]:
         """The results that a delay still holds back, oldest first, by what is known up to now."""
@@ -141,9 +141,9 @@ class MosRunner:
         pose: (4, 4) T_world_lidar, rigid.
         time: s, to notice gaps; optional.
 
-        A jump of pose or time drops the history, with a MosWarning. Another one says once if the surroundings do not
-        fall together under the poses: a wrong frame, no poses at all. Raises ScanError, PoseError, SettingError (of the
-        time) or InferenceError; the history is then as it was.
+        A jump of pose or time drops the history, with a MosWarning. What `mos doctor` calls bad about scans and poses
+        (unit, remission, axes; poses of another frame or scale) is a MosWarning too, once a topic until `reset()`.
+        Raises ScanError, PoseError, SettingError (of the time) or InferenceError; the state is then as it was.
         """
         with self._lock:
             result, places = self._step(scan, pose, time)
@@ -176,8 +176,8 @@ class MosRunner:
         labels, places = self._believer.believe(entered, checked, labels, follows=bool(past))
         watch.lap("belief")
         # Remember
-        misfits = self._misfits + 1 if self._is_misfit(image, past) else 0
-        index = self._remember(entered, checked, time, jump, misfits, places)
+        look = self._doctor.look(scan, image, past)
+        index = self._remember(entered, checked, time, jump, look, places)
         watch.lap("history")
         return MosResult(*labels, len(past) == HISTORY, watch.timing(), index), places
 
@@ -207,34 +207,29 @@ class MosRunner:
         return labels
 
     def _remember(
-        self, scan: Entered, pose: Pose, time: float | None, jump: str, misfits: int = 0, places: Places | None = None
+        self,
+        scan: Entered,
+        pose: Pose,
+        time: float | None,
+        jump: str,
+        look: Look | None = None,
+        places: Places | None = None,
     ) -> int:
-        """Its number since `reset()`."""
-        self._misfits = misfits
-        if misfits == DOUBTS:  # where warnings are errors, the history stays as it was
-            text = (
-                f"under these poses the surroundings of {HISTORY} scans ago lie elsewhere, and standing things seem to "
-                "move. Are they T_world_lidar, not a camera's, not inverted? `mos doctor` looks into recordings"
-            )
+        """Its number since `reset()`. Warns first: where warnings are errors, all stays as it was."""
+        for text in look.warnings if look else ():
             warnings.warn(text, MosWarning, stacklevel=4)
         if jump:
             warnings.warn(f"{jump}: the history of past scans is dropped", MosWarning, stacklevel=4)
             self._history.clear()
             self._delay.settle()
             self._believer.clear()
+        if look:
+            self._doctor.keep(look)
         self._history.add(scan, pose, time)
         self._believer.add(places)
         self._delay.reach(self._scans)
         self._scans += 1
         return self._scans - 1
-
-    def _is_misfit(self, image: ImageInput, past: list[Past]) -> bool:
-        """By the median size of the oldest residual image, over every 32nd of the pixels that both scans saw."""
-        if len(past) < HISTORY:
-            return False
-        residual = np.abs(image.image[-1, ::4, ::8])
-        seen = residual[residual > 0]
-        return bool(seen.size) and float(np.median(seen)) > self.bundle.manifest.tuned.misfit
 
     def _warm_up(self) -> None:
         """Compile or load every kernel, and let ONNX Runtime and the point head lay out their memory."""

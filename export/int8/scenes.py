@@ -9,7 +9,9 @@ import numpy as np
 from mos_model.data.dataset import SampleConfig, SimulatedStreets
 from runtime.bundle.residual import HISTORY, Residual
 from runtime.compute.workers import Workers
-from runtime.doctor.check_scans import Samples, check_points, check_sensor
+from runtime.doctor.check_scans import check_scans
+from runtime.doctor.check_sensor import check_sensor
+from runtime.doctor.sample import Sample
 from runtime.errors import MosWarning, ScanError, SequenceError
 from runtime.image.inputs import InputBuilder
 from runtime.recordings.registry import open_recording
@@ -41,8 +43,8 @@ def recorded(folder: Path, sensor: RangeImage, residual: Residual, count: int = 
     if len(recording) <= HISTORY:
         raise SequenceError(f"{folder}: has {len(recording)} scans; calibration needs at least {HISTORY + 1}")
     chosen = np.unique(np.linspace(HISTORY, len(recording) - 1, count).round().astype(int))
-    samples = Samples.of([recording.read(int(i)).data for i in chosen])
-    findings = check_points(samples) + check_sensor(samples, sensor)
+    samples = [Sample.of(recording.read(int(i)).data) for i in chosen]
+    findings = check_scans(samples) + check_sensor(samples, sensor)
     for finding in sorted(findings, key=lambda finding: finding.level):  # bad, ok, warn
         text = f"{folder}: calibration data: {finding.topic}: {finding.text}"
         if finding.level == "bad":

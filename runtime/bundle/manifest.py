@@ -92,7 +92,6 @@ class Tuned:
 
     candidate: float = 0.2  # probability of its pixel from which a point may move: the point head looks around it
     halo: float = 0.6  # m around them that it looks at: 99.7 % of labels as with all voxels, at a third of the cost
-    misfit: float = 0.1  # median residual of the oldest scan from which poses are doubted
     jump: float = 10.0  # m between two scans from which the history is dropped
     turn: float = 60.0  # degrees between two scans from which it is
     gap: float = 1.0  # s between two scans from which it is
@@ -101,7 +100,7 @@ class Tuned:
     def __post_init__(self) -> None:
         if not 0 <= self.candidate < 1:
             raise SettingError(f"the candidate's probability must be below 1, not {self.candidate!r}")
-        for name in ("halo", "misfit", "jump", "turn", "gap"):
+        for name in ("halo", "jump", "turn", "gap"):
             if not getattr(self, name) >= 0:
                 raise SettingError(f"{name} must not be negative")
 

@@ -1,17 +1,22 @@
 """`mos doctor`: looks at a recording and says in plain words what does not fit the network."""
 
+import contextlib
 import warnings
 from dataclasses import replace
 
 import numpy as np
 
-from runtime.doctor.check_poses import check_alignment, check_rigid, check_steps, check_times
-from runtime.doctor.check_scans import Samples, check_files, check_points, check_sensor
+from runtime.doctor.check_alignment import check_alignment
+from runtime.doctor.check_files import check_files
+from runtime.doctor.check_poses import check_rigid, check_steps, check_times
+from runtime.doctor.check_scans import check_scans
+from runtime.doctor.check_sensor import check_sensor
 from runtime.doctor.findings import Finding
+from runtime.doctor.pairs import geometry_of
+from runtime.doctor.sample import Sample
 from runtime.errors import MosError, MosWarning, PoseError
 from runtime.recordings.recording import DEFAULTS, Indexed, Options
 from runtime.recordings.registry import Found
-from runtime.recordings.scans import ScanData
 from runtime.sensors.range_image import RangeImage
 
 SAMPLES = 12  # scans whose points are looked at, spread over the recording
@@ -41,9 +46,8 @@ def diagnose(recording: Indexed, sensor: RangeImage | None = None) -> list[Findi
     found = check_files(recording)
     samples = _read_samples(recording)
     if samples:
-        points = Samples.of(samples)
-        found += check_points(points)
-        found += check_sensor(points, sensor) if sensor else []
+        found += check_scans(samples)
+        found += check_sensor(samples, sensor) if sensor else []
     if recording.times is not None:
         found += check_times(recording.times)
     if recording.poses is None:
@@ -51,15 +55,15 @@ def diagnose(recording: Indexed, sensor: RangeImage | None = None) -> list[Findi
     rigid = check_rigid(recording.poses)
     if any(finding.level == "bad" for finding in rigid):
         return found + rigid
-    return found + rigid + check_steps(recording.poses) + check_alignment(recording, recording.poses)
+    seen = [sample for sample in samples if sample.tells]
+    geometry = geometry_of(seen[len(seen) // 2]) if seen else RangeImage()
+    return found + rigid + check_steps(recording.poses) + [check_alignment(recording, recording.poses, geometry)]
 
 
-def _read_samples(recording: Indexed) -> list[ScanData]:
-    """The points of some readable scans, spread over the recording."""
+def _read_samples(recording: Indexed) -> list[Sample]:
+    """Some readable scans, spread over the recording."""
     found = []
     for i in np.unique(np.linspace(0, len(recording) - 1, SAMPLES).round().astype(int)):
-        try:
-            found.append(recording.read(int(i)).data)
-        except MosError:  # check_files has said so
-            continue
+        with contextlib.suppress(MosError):  # check_files has said so
+            found.append(Sample.of(recording.read(int(i)).data))
     return found

@@ -175,7 +175,8 @@ def test_poses_of_another_file_are_refused_and_overwritten_on_request(folder, ru
     with pytest.raises(SettingError, match=r"\(poses differ.*`overwrite`"):
         predict(open_recording(folder, other), runner, tmp_path / "out")
     assert len(contents(tmp_path / "out")) == 3
-    still = predict(open_recording(folder, other), runner, tmp_path / "out", overwrite=True)
+    with pytest.warns(MosWarning, match="surroundings"):
+        still = predict(open_recording(folder, other), runner, tmp_path / "out", overwrite=True)
     assert (still.resumed, still.scans) == (0, COUNT)
     predict(open_recording(folder), runner, tmp_path / "out", overwrite=True)
     assert contents(tmp_path / "out") == whole

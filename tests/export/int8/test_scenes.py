@@ -48,10 +48,10 @@ def tilted(points):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (np.zeros_like, "no scan holds a usable point"),
+        (np.zeros_like, "no scan holds usable points"),
         (lambda points: points * np.float32([1000, 1000, 1000, 1]), "metres"),
         (tilted, "field of view"),
-        (lambda points: points * np.float32([1, 1, 1, 255]), "remission"),
+        (lambda points: points * np.float32([1, 1, 1, -255]), "remission"),
     ],
 )
 def test_calibration_data_that_do_not_fit_are_refused(street, tmp_path, change, message):

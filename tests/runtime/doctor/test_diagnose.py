@@ -3,6 +3,7 @@ import shutil
 import numpy as np
 import pytest
 
+from bench.mounting import turned
 from runtime.doctor.diagnose import examine
 from runtime.recordings.calib import read_calib
 from runtime.recordings.formats.registry import read_cloud
@@ -62,7 +63,7 @@ def change_poses(folder, change):
 def test_a_healthy_sequence(folder):
     assert levels(folder) == []
     topics = [finding.topic for finding in diagnose(folder, SENSOR)]
-    assert topics == ["scans", "range", "remission", "field of view", "rows", "poses", "motion", "alignment"]
+    assert topics == ["scans", "range", "remission", "ground", "field of view", "rows", "poses", "motion", "alignment"]
     assert "about 32 beams" in levels(folder, "rows")[0][1]
 
 
@@ -113,7 +114,7 @@ def test_scan_with_few_points(folder):
 def test_empty_scans(folder):
     for path in (folder / "velodyne").iterdir():
         path.write_bytes(b"")
-    assert ("bad", "no scan holds a usable point") in levels(folder)
+    assert ("bad", "no scan holds usable points") in levels(folder)
 
 
 def test_missing_scan(folder):
@@ -144,7 +145,7 @@ def test_points_at_the_origin(folder):
         scan[: 2 * len(scan) // 3] = 0
 
     change_scans(folder, lose_most)
-    assert ("warn", "67 % lie at the origin (no return); they are left out and never moving") in levels(folder)
+    assert ("warn", "67 % lie at the origin (no return); left out and never moving") in levels(folder)
 
 
 def scale(column, factor, offset=0.0):
@@ -194,12 +195,14 @@ def test_sensor_with_another_field_of_view(folder):
     wide = RangeImage(height=32, width=512, fov_up=45.0, fov_down=-45.0)
     only(folder, "bad", "field of view", "only 29 % of its rows", sensor=wide)
     narrow = RangeImage(height=32, width=512, fov_up=10.0, fov_down=-10.0)
-    only(folder, "bad", "field of view", "lie outside", sensor=narrow)
+    only(folder, "warn", "field of view", "lie outside", sensor=narrow)
+    apart = RangeImage(height=32, width=512, fov_up=40.0, fov_down=5.0)
+    assert ("bad", "field of view") in [(f.level, f.topic) for f in diagnose(folder, apart)]
 
 
 def test_sensor_with_more_or_fewer_rows(folder):
     only(folder, "warn", "rows", "about 32 beams", "64 rows", "stay empty", sensor=RangeImage())
-    only(folder, "bad", "rows", "128 rows", sensor=RangeImage(height=128))
+    only(folder, "warn", "rows", "128 rows", sensor=RangeImage(height=128))
     only(folder, "warn", "rows", "16 rows", "hide each other", sensor=RangeImage(height=16))
 
 
@@ -256,9 +259,75 @@ def test_inverted_poses(folder):
     only(folder, "bad", "alignment", "T_lidar_world")
 
 
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_poses_of_another_scale(folder, factor):
+    def scale_positions(poses):
+        poses[:, :3, 3] *= factor
+        return poses
+
+    change_poses(folder, scale_positions)
+    only(folder, "bad", "alignment", "if the sensor moved by")
+
+
+def empty(path):
+    path.write_bytes(b"")
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[:101])
+
+
+def fill_with_nan(path):
+    np.full((9, 4), np.nan, np.float32).tofile(path)
+
+
+def thin(path):
+    read_cloud(path).data[::40].tofile(path)
+
+
+def add_far_point(path):
+    np.concatenate([read_cloud(path).data, [[3e5, 0, 0, 0.5]]]).astype(np.float32).tofile(path)
+
+
+def multiply(path):
+    (read_cloud(path).data * np.float32(1000)).tofile(path)
+
+
+@pytest.mark.parametrize("spoil", [empty, cut, fill_with_nan, thin, add_far_point, multiply])
+@pytest.mark.parametrize("scans", [(3,), (4, 8)])
+def test_a_spoiled_scan_does_not_keep_the_rest_from_being_checked(folder, spoil, scans):
+    for number in scans:
+        spoil(folder / "velodyne" / f"{number:06d}.bin")
+    assert [level for topic in ("range", "remission") for level, _ in levels(folder, topic)] == ["ok"] * 2
+    assert levels(folder, "alignment")[0][0] != "bad"
+    change_poses(folder, np.linalg.inv)
+    assert levels(folder, "alignment")[0][0] == "bad"
+    assert "T_lidar_world" in levels(folder, "alignment")[0][1]
+
+
+def test_mounting(folder):
+    assert levels(folder, "ground")[0][1].startswith("1.80 m below the sensor, which looks 0.0 degrees")
+    down = turned(1, -5)[:3, :3].astype(np.float32)
+
+    def tilt(scan):
+        scan[:, :3] = scan[:, :3] @ down.T
+
+    change_scans(folder, tilt)
+    assert any("looks 5.0 degrees down" in text for level, text in levels(folder, "ground") if level != "ok")
+
+
+def test_a_sensor_that_sits_low(tmp_path):
+    pose, world = street.drive(1)[0], street.boxes()
+    pose[2, 3] = 1.0
+    for number in range(3):
+        np.save(tmp_path / f"{number}.npy", street.scan(pose, world))
+    (level, text), *_ = levels(tmp_path, "ground")
+    assert (level, text.startswith("1.00 m below")) == ("warn", True)
+
+
 def test_poses_that_stand_still_while_the_scans_move(folder):
     change_poses(folder, lambda poses: np.tile(np.eye(4), (len(poses), 1, 1)))
-    only(folder, "bad", "alignment", "do not belong together")
+    only(folder, "bad", "alignment", "not by 0.00 m")
 
 
 def test_a_parked_car_has_nothing_to_align(folder):
