@@ -27,6 +27,7 @@ from mos_model.training.sources import SIMULATED
 from runtime import MosRunner
 from runtime.bundle.head_shape import SMALL
 from runtime.commands.handler import run_alone
+from runtime.sensors.registry import DEFAULT_SENSOR
 
 ROWS = {  # of the paper's table: what each adds
     "a": ("lmnet", "one branch (LMNet)"),
@@ -81,7 +82,7 @@ def bench(
     first = recipe("sim2real", steps=steps, crop=crop, crops=4, street_frames=6, warmup=steps // 10, ema=0.99, **common)
     second = recipe("sim2real", 2, steps=head_steps, street_frames=4, warmup=head_steps // 10, ema=0.99, **common)
     head = replace(SMALL, in_channels=channels)
-    drives = simulated(STREETS, streets, frames)
+    drives = simulated(DEFAULT_SENSOR, STREETS, streets, frames)
     table: dict[str, dict[str, float | None]] = {}
     found: dict[str, dict[str, dict[str, float | None]]] = {}
     for row in rows:

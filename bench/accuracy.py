@@ -16,7 +16,8 @@ from bench.peers import Label, peers, versions
 from bench.report import ROOT, save, show
 from mos_model.simulator import simulate
 from runtime import MosRunner
-from runtime.bundle.loading import load_bundle
+from runtime.bundle.loading import Bundle, load_bundle
+from runtime.bundle.manifest import SensorEntry
 from runtime.bundle.residual import HISTORY, Residual
 from runtime.classes import MOVING, STATIC, to_classes
 from runtime.commands.handler import run_alone
@@ -26,7 +27,6 @@ from runtime.image.history import History
 from runtime.image.inputs import InputBuilder
 from runtime.recordings.recording import Options
 from runtime.recordings.registry import open_recording
-from runtime.sensors.range_image import RangeImage
 
 STREETS = 12_000_000  # seeds of the simulated test streets: neither training, validation nor calibration has them
 QUIET = 13_000_000  # seeds of streets without a mover
@@ -45,11 +45,11 @@ Drive = Callable[[], Iterator[Scan]]
 Labeller = Callable[[Scan], np.ndarray]  # moving (N,)
 
 
-def simulated(first: int, count: int, frames: int, **settings: object) -> list[Drive]:
-    """Drives of HISTORY + `frames` scans, of which the last are scored."""
+def simulated(sensor: str, first: int, count: int, frames: int, **settings: object) -> list[Drive]:
+    """Drives of HISTORY + `frames` scans of a sensor, of which the last are scored."""
 
     def drive(seed: int) -> Iterator[Scan]:
-        for index, frame in enumerate(simulate(seed, HISTORY + frames, **settings)):
+        for index, frame in enumerate(simulate(seed, HISTORY + frames, sensor, **settings)):
             yield Scan(frame.points, frame.pose, to_classes(frame.labels), index >= HISTORY)
 
     return [lambda seed=first + i: drive(seed) for i in range(count)]
@@ -97,17 +97,22 @@ def with_runner(runner: MosRunner) -> Callable[[], Labeller]:
     return start
 
 
-def residual_threshold() -> Labeller:
+def residual_threshold(sensor: SensorEntry) -> Callable[[], Labeller]:
     """Untrained: the median over the 8 past scans of (r_past - r_now) / r_now is above 0.1."""
-    builder, history = InputBuilder(RangeImage(), Residual(kind="signed"), Workers(2)), History()
 
-    def label(scan: Scan) -> np.ndarray:
-        entered = builder.enter(scan.points)
-        made = builder.build(entered, history.past(scan.pose))
-        history.add(entered, scan.pose, None)
-        return (np.median(made.image[5:], axis=0) > 0.1).reshape(-1)[np.maximum(made.pixel, 0)] & entered.takes_part
+    def start() -> Labeller:
+        builder = InputBuilder(sensor.range_image, Residual(kind="signed"), Workers(2), sensor.reach)
+        history = History()
 
-    return label
+        def label(scan: Scan) -> np.ndarray:
+            entered = builder.enter(scan.points)
+            made = builder.build(entered, history.past(scan.pose))
+            history.add(entered, scan.pose, None)
+            return (np.median(made.image[5:], axis=0) > 0.1).reshape(-1)[np.maximum(made.pixel, 0)] & entered.takes_part
+
+        return label
+
+    return start
 
 
 def with_peer(start: Callable[[], Label]) -> Callable[[], Labeller]:
@@ -125,16 +130,25 @@ def shipped() -> list[Path]:
     return sorted(manifest.parent for manifest in (ROOT / "models").glob("*/manifest.json"))
 
 
-def systems_of(bundles: list[Path], threads: int, precision: str) -> dict[str, Callable[[], Labeller]]:
+def common_sensor(bundles: list[Bundle]) -> SensorEntry:
+    """The sensor of all of them, whose streets they can be measured on."""
+    sensors = {bundle.manifest.sensor.name: bundle.manifest.sensor for bundle in bundles}
+    if len(sensors) != 1:
+        raise typer.BadParameter(f"these bundles are for the sensors {', '.join(sensors)}: measure each with its own")
+    (sensor,) = sensors.values()
+    return sensor
+
+
+def systems_of(bundles: list[Bundle], threads: int, precision: str) -> dict[str, Callable[[], Labeller]]:
     """The threshold, and every bundle with every post-processing that it has."""
-    systems: dict[str, Callable[[], Labeller]] = {"residual threshold, untrained": residual_threshold}
+    systems = {"residual threshold, untrained": residual_threshold(common_sensor(bundles))}
     for bundle in bundles:
         kinds = ["none", "knn"]
-        if load_bundle(bundle).manifest.point_head is not None:
+        if bundle.manifest.point_head is not None:
             kinds.append("head")
         for kind in kinds:
-            runner = MosRunner(bundle, threads=threads, postprocess=kind, precision=precision)
-            systems[f"{bundle.name}, {kind}"] = with_runner(runner)
+            runner = MosRunner(bundle.path, threads=threads, postprocess=kind, precision=precision)
+            systems[f"{bundle.path.name}, {kind}"] = with_runner(runner)
     return systems
 
 
@@ -149,13 +163,15 @@ def bench(
     out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
 ) -> None:
     """Moving IoU, precision and recall (%) of every bundle and post-processing; false alarms where nothing moves."""
-    sets = {"simulated": simulated(STREETS, streets, frames)}
-    alarms = {"quiet streets": simulated(QUIET, -(-quiet // frames), frames, movers=0.0)}
+    loaded = [load_bundle(path) for path in bundles or shipped()]
+    sensor = common_sensor(loaded).name
+    sets = {"simulated": simulated(sensor, STREETS, streets, frames)}
+    alarms = {"quiet streets": simulated(sensor, QUIET, -(-quiet // frames), frames, movers=0.0)}
     if kitti is not None:
         sets["real 90"] = [real(kitti / "sequences/90")]
         alarms["real 00, frames 8-10"] = [real(kitti / "sequences/00", limit=11)]
     others, left_out = peers()
-    systems = systems_of(bundles or shipped(), threads, precision)
+    systems = systems_of(loaded, threads, precision)
     systems |= {name: with_peer(start) for name, start in others.items()}
     rows: dict[str, dict[str, float | None]] = {name: {} for name in systems}
     for title, drives in sets.items():
@@ -164,11 +180,11 @@ def bench(
     for title, drives in alarms.items():
         for name, found in score(drives, systems).items():
             matrix = found.matrix
-            rows[name][f"{title} false alarms"] = percent(matrix[1, 2] / max(1, matrix[1].sum()), 4)
+            rows[name][f"{title} false alarms"] = percent(matrix[STATIC, MOVING] / max(1, matrix[STATIC].sum()), 4)
     show("moving class, %", rows)
     for name, reason in left_out.items():
         typer.echo(f"left out: {name}: {reason}")
-    setting = {"streets": streets, "frames": frames, "quiet": quiet, "precision": precision}
+    setting = {"sensor": sensor, "streets": streets, "frames": frames, "quiet": quiet, "precision": precision}
     save(out, threads, {**setting, "percent": rows, "left_out": left_out, "peers": versions()})
 
 

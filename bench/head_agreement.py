@@ -8,7 +8,6 @@ import numpy as np
 from bench.report import show
 from bench.scans import load_frames
 from runtime import MosRunner
-from runtime.bundle.manifest import Tuned
 from runtime.bundle.residual import HISTORY
 
 SCANS = 20
@@ -27,7 +26,7 @@ def agreement(bundle: Path, sequence: Path | None, threads: int) -> dict[str, An
         found = {name: runner(scan, pose) for name, runner in runners.items()}
         if not found["all"].ready:
             continue
-        candidates = found["pixels"].probability > Tuned.candidate
+        candidates = found["pixels"].probability > runners["near"].bundle.manifest.tuned.candidate
         points, asked = points + len(scan), asked + int(candidates.sum())
         same += int((found["near"].moving == found["all"].moving)[candidates].sum())
         for name, result in found.items():

@@ -8,9 +8,10 @@ import numpy as np
 from bench.head_scans import Refinement, Scan, make_head
 from bench.plot import loglog
 from bench.report import brief, interleaved, resident_mb, show, summary
-from bench.scans import Frame, there_and_back
+from bench.scans import Frame, taking_part, there_and_back
 from runtime.compute.workers import Workers
 from runtime.head.voxels import voxelise
+from runtime.recordings.poses import relative_pose
 
 SIZES = (1_000, 10_000, 100_000, 300_000, 500_000)  # voxels
 SETTLED = 50  # scans after which memory must not grow
@@ -19,11 +20,9 @@ WHOLE_EVERY = 10  # scans after that: one is refined whole, the others near cand
 
 def merged(frames: list[Frame]) -> np.ndarray:
     """All points (N, 4) of some scans in the frame of the first."""
-    to_first = np.linalg.inv(frames[0][1])
     clouds = []
-    for points, pose in frames:
-        relative = to_first @ pose
-        points = points[points[:, :3].any(axis=1)]
+    for scan, pose in frames:
+        points, relative = taking_part(scan), relative_pose(frames[0][1], pose)
         moved = points[:, :3] @ relative[:3, :3].T + relative[:3, 3]
         clouds.append(np.concatenate((moved, points[:, 3:]), axis=1).astype(np.float32))
     return np.concatenate(clouds)

@@ -17,6 +17,7 @@ from runtime.classes import MOVING, to_classes
 from runtime.compute.workers import Workers
 from runtime.head.numba_engine import FeatureMap, PointHeadEngine
 from runtime.image.inputs import InputBuilder
+from runtime.recordings.recording import Options
 from runtime.recordings.registry import open_recording
 from runtime.sensors.range_image import RangeImage
 
@@ -74,7 +75,7 @@ class Refinement:
 
 def busiest(sequence: Path) -> tuple[Scan, np.ndarray]:
     """The scan of a sequence with the most moving points, at most 2 % of it, and which they are."""
-    recording = open_recording(sequence)
+    recording = open_recording(sequence, Options(points_only=True))
     best, most = None, 0
     for index in range(len(recording)):
         if (labels := recording.labels(index)) is None:
@@ -85,8 +86,8 @@ def busiest(sequence: Path) -> tuple[Scan, np.ndarray]:
     if best is None:
         raise ValueError(f"no scan of {sequence} has labels with at most 2 % of moving points")
     index, moving = best
-    scan = recording.read(index)
-    return Scan(scan.data), moving & scan.points.any(axis=1)
+    scan = Scan(recording.read(index).data)
+    return scan, moving & scan.valid
 
 
 def sgemm(size: int = 2048) -> Callable[[], object]:

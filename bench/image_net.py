@@ -14,6 +14,7 @@ from bench.report import interleaved, save, show, summary
 from export.graph.image_graph import Outputs, image_bytes
 from export.int8.prepare import prepare
 from export.int8.scenes import CALIBRATION_STREETS, simulated
+from mos_model.data.dataset import SampleConfig
 from mos_model.networks.registry import named_config
 from runtime.commands.handler import run_alone
 from runtime.image.image_net import ImageNet
@@ -31,8 +32,8 @@ def compare(
     torch.set_num_threads(threads)
     model = named_config(config, channels)
     network = model.build_image_network().eval()
-    shape = (model.in_channels, model.sensor.height, model.sensor.width)
-    scenes = simulated(model.sensor, model.residual, CALIBRATION_STREETS, 2) if int8 else []
+    shape = (model.in_channels, model.range_image.height, model.range_image.width)
+    scenes = simulated(SampleConfig.of(model), CALIBRATION_STREETS, 2) if int8 else []
     images = [scene.image for scene in scenes]
     image = images[0][0] if int8 else np.random.default_rng(0).normal(0, 0.5, shape).astype(np.float32)
     tensor = torch.from_numpy(image[None])

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from bench.report import interleaved, save, show, summary
-from bench.scans import load_frames
+from bench.scans import load_frames, taking_part
 from runtime.bundle.residual import HISTORY, Residual
 from runtime.commands.handler import run_alone
 from runtime.compute.workers import Workers
@@ -62,8 +62,8 @@ def bench(
     """Median time of the 13-channel input of one scan with 8 past scans."""
     frames = load_frames(sequence, HISTORY + 1)
     (points, pose), before = frames[-1], frames[-2::-1]
-    points = points[points[:, :3].any(1)]
-    past = [Past(np.ascontiguousarray(scan[scan[:, :3].any(1), :3]), relative_pose(pose, p)) for scan, p in before]
+    points = taking_part(points)
+    past = [Past(np.ascontiguousarray(taking_part(scan)[:, :3]), relative_pose(pose, p)) for scan, p in before]
     sensor, residual = RangeImage(), Residual()
     builders = {n: InputBuilder(sensor, residual, Workers(n)) for n in sorted({1, threads})}
     image = builders[threads].build(builders[threads].enter(points), past).image

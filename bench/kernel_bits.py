@@ -12,6 +12,7 @@ from export.graph.serialise import onnx_bytes
 from export.int8.judge import Judge
 from export.int8.prepare import prepare
 from export.int8.scenes import CALIBRATION_STREETS, JUDGING_STREETS, simulated
+from mos_model.data.dataset import SampleConfig
 from mos_model.networks.checkpoint import load
 from runtime.commands.handler import run_alone
 
@@ -28,9 +29,10 @@ def bench(
     """IoU of the moving class, pixels, in %; the integers are computed in float, where no sum saturates."""
     found = load(checkpoint)
     config = found.config
-    images = [scene.image for scene in simulated(config.sensor, config.residual, CALIBRATION_STREETS, streets)]
+    samples = SampleConfig.of(config)
+    images = [scene.image for scene in simulated(samples, CALIBRATION_STREETS, streets)]
     prepared = prepare(Outputs(found.image_net).eval(), images[0].shape, images)
-    scenes = simulated(config.sensor, config.residual, JUDGING_STREETS, judging)
+    scenes = simulated(samples, JUDGING_STREETS, judging)
     float_model = image_bytes(found.image_net, images[0].shape)
     judge = Judge(float_model, scenes, found.training.get("threshold"), threads)
     rows = {}

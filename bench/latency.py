@@ -141,12 +141,13 @@ def measure_head(config: str, folder: Path, threads: int, rounds: int) -> dict[s
     recording = open_recording(folder, Options(limit=60))
     index = len(recording) // 2
     points = recording.read(index).data
-    builder = InputBuilder(model.sensor, model.residual, Workers(threads))
+    builder = InputBuilder(model.range_image, model.residual, Workers(threads))
     entered = builder.enter(points)
     built = builder.build(entered, [])
-    image = np.random.default_rng(0).normal(0, 1, (32, model.sensor.height, model.sensor.width)).astype(np.float32)
+    shape = (32, model.range_image.height, model.range_image.width)
+    image = np.random.default_rng(0).normal(0, 1, shape).astype(np.float32)
     xyz, valid = np.ascontiguousarray(points[:, :3]), entered.takes_part
-    features = FeatureMap(image, built.pixel, model.sensor.width)
+    features = FeatureMap(image, built.pixel, model.range_image.width)
     rows = torch.from_numpy(image.reshape(32, -1).T[built.pixel[valid]].copy())
 
     @torch.inference_mode()

@@ -14,8 +14,10 @@ import typer
 
 from bench.accuracy import Drive, Scan, real, score, scores, with_runner
 from bench.report import save, show
+from bench.scans import entered
 from runtime import MosRunner
 from runtime.commands.handler import run_alone
+from runtime.recordings.poses import relative_pose
 
 
 def turned(axis: int, degrees: float) -> np.ndarray:
@@ -48,12 +50,12 @@ MOUNTINGS = {
 
 def mounted(drive: Drive, there: np.ndarray) -> Drive:
     """The same drive with the sensor at T_old_new."""
-    back = np.linalg.inv(there)
+    back = relative_pose(there, np.eye(4))
 
     def moved() -> Iterator[Scan]:
         for scan in drive():
             points = scan.points.copy()
-            returned = points[:, :3].any(axis=1)
+            returned = entered(points).takes_part
             points[returned, :3] = points[returned, :3] @ back[:3, :3].T + back[:3, 3]
             yield scan._replace(points=points, pose=scan.pose @ there)
 

@@ -6,6 +6,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from runtime.bundle.residual import Residual
+from runtime.compute.workers import Workers
+from runtime.image.entry import Entered
+from runtime.image.inputs import InputBuilder
+from runtime.sensors.range_image import RangeImage
+
 T = TypeVar("T")
 Frame = tuple[np.ndarray, np.ndarray]  # (N, 4) f32, (4, 4) T_world_lidar
 
@@ -20,6 +26,17 @@ def load_frames(sequence: Path | None, count: int) -> list[Frame]:
     from runtime.recordings.registry import open_recording
 
     return [(scan.data, scan.known_pose()) for scan in open_recording(sequence, Options(limit=count)).scans()]
+
+
+def entered(scan: np.ndarray) -> Entered:
+    """A scan as a runner takes it in."""
+    return InputBuilder(RangeImage(), Residual(), Workers(1)).enter(scan)
+
+
+def taking_part(scan: np.ndarray) -> np.ndarray:
+    """Those points (N, 4) of it that a runner looks at."""
+    inside = entered(scan)
+    return inside.points[inside.takes_part]
 
 
 def there_and_back(items: Sequence[T]) -> list[T]:

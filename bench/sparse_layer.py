@@ -14,7 +14,7 @@ import numpy as np
 import typer
 
 from bench.report import brief, interleaved, save, show, summary
-from bench.scans import load_frames
+from bench.scans import load_frames, taking_part
 from runtime.commands.handler import run_alone
 from runtime.compute.arena import Arena
 from runtime.compute.workers import Workers
@@ -109,7 +109,7 @@ def compare(keys: np.ndarray, coords: np.ndarray, channels: int, threads: int, r
 
 def layers(points: np.ndarray, threads: int, rounds: int) -> dict[str, Any]:
     """32 -> 32 channels at stride 1 and 96 -> 96 at stride 2 of a scan (N, 4)."""
-    voxels = voxelise(points[:, :3], 0.05, Workers(threads))
+    voxels = voxelise(taking_part(points)[:, :3], 0.05, Workers(threads))
     fine, coarse, *_ = build_scales(voxels.keys, 1, Arena())
     kinds = {
         "32 -> 32 at stride 1": (fine.keys, voxels.coords, 32),

@@ -14,6 +14,7 @@ from export.checkpoint.reader import read_tensors
 from export.graph.head_graph import head_bytes
 from export.graph.image_graph import Outputs, image_bytes
 from export.int8.quantise import Settings, quantise
+from mos_model.data.dataset import SampleConfig
 from runtime.bundle.loading import Bundle, load_bundle
 from runtime.bundle.manifest import (
     IMAGE_NET,
@@ -23,9 +24,11 @@ from runtime.bundle.manifest import (
     Decision,
     Manifest,
     SensorEntry,
+    Tuned,
 )
-from runtime.errors import SettingError
+from runtime.errors import CheckpointError, SettingError
 from runtime.sensors.registry import find_sensor
+from runtime.typed_json import build
 
 STORED = ("float16", "float32")  # how kernels are stored
 PRECISIONS = ("float32", "int8")  # how the image network computes
@@ -76,11 +79,11 @@ def export_checkpoint(
         raise SettingError("a calibration is for precision 'int8'")
     source = understand(read_tensors(checkpoint), checkpoint, network)
     source = replace(source, trained=source.trained if trained is None else trained)
-    sensor = source.config.sensor
-    sensor = replace(
-        sensor, height=sensor.height if height is None else height, width=sensor.width if width is None else width
+    image = source.config.range_image
+    image = replace(
+        image, height=image.height if height is None else height, width=image.width if width is None else width
     )
-    source = replace(source, config=replace(source.config, sensor=sensor))
+    source = replace(source, config=replace(source.config, range_image=image))
     if point_head_onnx and source.point_head is None:
         raise SettingError(f"{checkpoint}: has no point head to write as {POINT_HEAD_ONNX}")
     stored = weights or ("float16" if source.origin == OURS else "float32")
@@ -101,7 +104,7 @@ def export_checkpoint(
 
 def _write_networks(folder: Path, source: Source, precision: str, point_head_onnx: bool) -> None:
     config = source.config
-    shape = (1, config.in_channels, config.sensor.height, config.sensor.width)
+    shape = (1, config.in_channels, config.range_image.height, config.range_image.width)
     (folder / IMAGE_NET).write_bytes(image_bytes(source.image_net, shape))
     if source.point_head is not None and config.point_head is not None:
         half = precision == "float16"
@@ -116,8 +119,7 @@ def _with_int8(folder: Path, source: Source, manifest: Manifest, settings: Setti
     done = quantise(
         Outputs(source.image_net),
         (folder / IMAGE_NET).read_bytes(),
-        manifest.sensor.range_image,
-        manifest.residual,
+        SampleConfig.of(source.config),
         manifest.sensor.decision.threshold,
         source.trained,
         settings,
@@ -131,14 +133,14 @@ def _with_int8(folder: Path, source: Source, manifest: Manifest, settings: Setti
 def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) -> Manifest:
     config, training = source.config, source.training
     features = _channels_of_features(source)
-    head, device = config.point_head, find_sensor(training.get("sensor", "hdl64e"))
+    head = config.point_head
     decision = Decision(training.get("threshold"), training.get("head_threshold"))
-    sensor = SensorEntry(device.name, config.sensor, device.reach, decision)
+    sensor = SensorEntry(config.sensor, config.range_image, find_sensor(config.sensor).reach, decision)
     files = [IMAGE_NET] + [name for name in (POINT_HEAD, POINT_HEAD_ONNX) if (folder / name).exists()]
     record = {
         key: value
         for key, value in training.items()
-        if key not in ("resume", "accuracy", "threshold", "head_threshold", "licence")
+        if key not in ("resume", "accuracy", "threshold", "head_threshold", "tuned", "licence")
     }
     return Manifest(
         name=config.name,
@@ -155,6 +157,7 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
             "training": plain(record),
         },
         model=config.to_dict(),
+        tuned=build(Tuned, training.get("tuned", {}), f"{checkpoint}: tuned", CheckpointError),
         postprocess=training.get("postprocess", "head" if head else "knn"),
         accuracy=plain(training.get("accuracy", {})),
         licence=training.get("licence", "unknown"),

@@ -116,7 +116,7 @@ def show(done: "Export", checkpoint: Path) -> None:
 
     source, bundle, parity = done.source, done.bundle, done.parity
     config, files = source.config, bundle.manifest.files
-    size = f"{config.sensor.height} x {config.sensor.width}"
+    size = f"{config.range_image.height} x {config.range_image.width}"
     show_line(f"read     {checkpoint}: {source.origin}, network {config.name}, {config.channels} channels, {size}")
     if source.dropped:
         blocks = sorted({key.split(".")[0] for key in source.dropped})

@@ -8,6 +8,7 @@ import typer
 
 from runtime.commands.options import Bundle, SensorName, Threads
 from runtime.commands.output import show_facts, show_line
+from runtime.sensors.registry import DEFAULT_SENSOR
 
 if TYPE_CHECKING:
     from mos_model.simulator.demo import Demo
@@ -33,7 +34,7 @@ def simulate(
     sequences: Annotated[int, typer.Option(min=1, help="Streets.")] = 1,
     frames: Annotated[int, typer.Option(min=1, help="Scans of each.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same data.")] = 0,
-    sensor: SensorName = "hdl64e",
+    sensor: SensorName = DEFAULT_SENSOR,
 ) -> None:
     """Write simulated streets with labels and poses, in SemanticKITTI's layout."""
     from mos_model.simulator.write import write_dataset

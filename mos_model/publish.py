@@ -8,7 +8,7 @@ and a threshold chosen on them would raise false alarms.
 
 import sys
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,7 +23,9 @@ from runtime.bundle.manifest import Tuned
 from runtime.classes import MOVING, STATIC
 from runtime.commands.handler import run_alone
 from runtime.commands.output import show_line
+from runtime.errors import CheckpointError
 from runtime.settings import CHOICES
+from runtime.typed_json import build
 
 CALIBRATION_STREETS = 15_000_000  # seeds from here on choose thresholds; validation has those below
 BINS = 200
@@ -61,7 +63,9 @@ class Histogram:
 
 
 @torch.no_grad()
-def probabilities(found: Checkpoint, sample: Sample) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def probabilities(
+    found: Checkpoint, sample: Sample, candidate: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Probability of moving of the pixels (H, W), and of the points (N,) as the runtime refines them."""
     output = found.image_net(torch.from_numpy(sample.image[None]))
     image = output.logits[0].softmax(0)[MOVING]  # (H, W)
@@ -70,21 +74,23 @@ def probabilities(found: Checkpoint, sample: Sample) -> tuple[NDArray[np.float32
         grid = found.point_head.grid(torch.from_numpy(sample.xyz))
         features = output.features_at(0, torch.from_numpy(sample.pixel).long())  # (N, c)
         refined = found.point_head(grid, features).softmax(1)[:, MOVING]
-        points = torch.where(points > Tuned.candidate, refined, 0.0)
+        points = torch.where(points > candidate, refined, 0.0)
     return image.numpy(), points.numpy()
 
 
-def calibrate(found: Checkpoint, streets: int, frames: int = 2) -> tuple[Histogram, Histogram]:
+def calibrate(
+    found: Checkpoint, streets: int, candidate: float = Tuned.candidate, frames: int = 2
+) -> tuple[Histogram, Histogram]:
     """Histograms of pixels and of points over `streets` calibration streets with light traffic, and five times as many
-    without a mover."""
-    samples = SampleConfig(found.config.sensor, found.config.residual, points=True)
+    without a mover; points whose pixel is no `candidate` count as not moving."""
+    samples = SampleConfig.of(found.config, points=True)
     pixels, points = Histogram(), Histogram()
     light = SimulatedStreets(samples, frames=frames, every=4, first_street=CALIBRATION_STREETS, movers=LIGHT_TRAFFIC)
     quiet = replace(light, frames=1, first_street=CALIBRATION_STREETS + 10_000, movers=0.0)
     for source, count in ((light, streets), (quiet, 5 * streets)):  # false alarms come in clumps: in few streets, many
         for number in range(count):
             for sample in source.group(number):
-                image, refined = probabilities(found, sample)
+                image, refined = probabilities(found, sample, candidate)
                 pixels.add(image, sample.labels)
                 points.add(refined, sample.classes)
     return pixels, points
@@ -114,7 +120,8 @@ def publish(
     if postprocess not in (None, *CHOICES["postprocess"]):
         raise typer.BadParameter(f"{postprocess!r} is none of {', '.join(CHOICES['postprocess'])}")
     found = load(checkpoint)
-    pixels, points = calibrate(found, streets)
+    tuned = build(Tuned, found.training.get("tuned", {}), f"{checkpoint}: tuned", CheckpointError)
+    pixels, points = calibrate(found, streets, tuned.candidate)
     threshold, iou = pixels.best_threshold(QUIET)
     show_line(f"pixels: threshold {threshold:.3f}, moving IoU {100 * iou:.1f} on {streets} calibration streets")
     head_threshold = None
@@ -124,6 +131,7 @@ def publish(
     training = {
         "threshold": threshold,
         "head_threshold": head_threshold,
+        "tuned": asdict(tuned),
         "postprocess": postprocess or ("head" if found.point_head is not None else "knn"),
         "trained": True,
         "data": data or data_of(found.training),

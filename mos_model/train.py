@@ -2,14 +2,14 @@
 
 import json
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from runtime.commands.handler import need_extra, run_alone
-from runtime.commands.options import SensorName
+from runtime.commands.options import Frame, SensorName
+from runtime.sensors.registry import DEFAULT_SENSOR, find_sensor
 
 
 def train(
@@ -18,7 +18,8 @@ def train(
     road: Annotated[bool, typer.Option(help="With KITTI-Road-MOS in the same root")] = False,
     train_on: Annotated[str | None, typer.Option(help="Sequences, as 00,01 (default: the published split)")] = None,
     validate_on: Annotated[str | None, typer.Option(help="Sequences, as 08 (default: the published split)")] = None,
-    sensor: SensorName = "hdl64e",
+    frame: Frame = None,
+    sensor: SensorName = DEFAULT_SENSOR,
     config: Annotated[str, typer.Option(help="Network by name: v1, rt, rt-head, ... (a wrong one lists all)")] = "v1",
     channels: Annotated[int, typer.Option(min=1, help="Width of the image network")] = 32,
     recipe: Annotated[str, typer.Option(help="'paper' or 'sim2real'")] = "paper",
@@ -46,8 +47,10 @@ def train(
     ] = None,
 ) -> None:
     """Train a network on SemanticKITTI or on simulated streets (extra 'train')."""
-    if data == "simulated" and (road or train_on is not None or validate_on is not None):
-        raise typer.BadParameter("--road, --train-on and --validate-on pick recordings, and --data is 'simulated'")
+    if data == "simulated" and (road or frame or train_on is not None or validate_on is not None):
+        raise typer.BadParameter(
+            "--road, --train-on, --validate-on and --pose-frame are for recordings, and --data is 'simulated'"
+        )
     if road and train_on is not None and validate_on is not None:
         raise typer.BadParameter(
             "--road adds to the published split, of which --train-on and --validate-on leave nothing"
@@ -62,13 +65,12 @@ def train(
     from mos_model.training.distributed import join_ranks
     from mos_model.training.recipe import recipe as named_recipe
     from mos_model.training.session import run_training
-    from mos_model.training.sources import Data
+    from mos_model.training.sources import SIMULATED, Data
     from mos_model.training.trainer import Limits
-    from runtime.sensors.registry import find_sensor
 
-    model = named_config(config, channels).to_dict() | {"sensor": asdict(find_sensor(sensor).range_image)}
+    model = named_config(config, channels, sensor=sensor, range_image=find_sensor(sensor).range_image).to_dict()
     for name in [name for name in others if name.startswith("model.")]:
-        set_nested(model, name.split(".")[1:], others.pop(name))
+        set_nested(model, name.removeprefix("model.").split("."), others.pop(name))
     given = {"steps": steps, "batch": batch, "crop": crop, "precision": precision, "seed": seed}
     changes = {name: value for name, value in given.items() if value is not None} | others
     if threads:
@@ -78,11 +80,7 @@ def train(
         run_training(
             read_config(model),
             lambda epoch_steps: named_recipe(recipe, stage, epoch_steps, **changes),
-            (
-                Data(profile=sensor)
-                if data == "simulated"
-                else Data(Path(data), *choose_split(road, train_on, validate_on))
-            ),
+            SIMULATED if data == "simulated" else Data(Path(data), *choose_split(road, train_on, validate_on), frame),
             out,
             init=init,
             resume=resume,
@@ -97,6 +95,8 @@ def train(
 
 def set_nested(settings: dict[str, Any], path: list[str], value: Any) -> None:
     """Set settings[path[0]][path[1]]...; unknown keys are left to the configuration to refuse."""
+    if path[0] == "sensor" and len(path) > 1:  # what the range image was called
+        path = ["range_image", *path[1:]]
     *outer, last = path
     for name in outer:
         if not isinstance(settings.get(name), dict):

@@ -65,3 +65,11 @@ def some(names: list[str], most: int = 3) -> str:
     """The first few of `names`, and how many more there are: no message grows with the number of files."""
     rest = len(names) - most
     return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def raise_all(problems: list[str], so: str, most: int = 5) -> None:
+    """Raise SequenceError with the first problems and the number of all, if there are any."""
+    if problems:
+        lines = problems[:most] + ([f"and {len(problems) - most} more"] if len(problems) > most else [])
+        count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
+        raise SequenceError(f"{count}, so {so}:\n  " + "\n  ".join(lines))

@@ -22,7 +22,6 @@ from runtime.head.transfer import FeatureMap
 from runtime.image.entry import Entered
 from runtime.image.image_net import ImageNet
 from runtime.image.inputs import ImageInput, InputBuilder
-from runtime.sensors.registry import SENSORS
 
 LIMIT = 1e-4  # largest difference of a probability
 SEED = 2026  # of the simulated street
@@ -85,8 +84,7 @@ def check_parity(bundle: Bundle, image_net: nn.Module, point_head: TorchHead | N
 
 def simulated_input(sensor: SensorEntry, residual: Residual, workers: Workers) -> tuple[Entered, ImageInput]:
     """The last scan of a drive of that sensor, simulated with a full history, and the network's input for it."""
-    device = sensor.name if sensor.name in SENSORS else "hdl64e"
-    drive = [(frame.points, frame.pose) for frame in simulate(SEED, HISTORY + 1, device, movers=1.6)]
+    drive = [(frame.points, frame.pose) for frame in simulate(SEED, HISTORY + 1, sensor.name, movers=1.6)]
     return InputBuilder(sensor.range_image, residual, workers, sensor.reach).image_of(drive)
 
 

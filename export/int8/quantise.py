@@ -11,9 +11,8 @@ from torch import nn
 from export.int8.judge import Balance, Judge
 from export.int8.prepare import Prepared, prepare
 from export.int8.scenes import CALIBRATION_STREETS, JUDGING_STREETS, recorded, simulated
-from runtime.bundle.residual import Residual
+from mos_model.data.dataset import SampleConfig
 from runtime.errors import QuantisationError
-from runtime.sensors.range_image import RangeImage
 
 LIMIT = 0.5  # percentage points of IoU of the moving class that may be lost
 MOST_FLOAT = 0.25  # share of the layers that may stay in float
@@ -42,28 +41,28 @@ class Quantised:
 def quantise(
     network: nn.Module,
     float_model: bytes,
-    sensor: RangeImage,
-    residual: Residual,
+    samples: SampleConfig,
     threshold: float | None,
     trained: bool,
     settings: Settings,
 ) -> Quantised:
     """The image network in integers; `network` and `float_model` return probabilities and features.
 
+    samples: how the network sees scans of its sensor, of which streets are simulated.
     threshold: probability from which a pixel counts as moving; None: the most likely class.
     trained: whether an IoU means something; if not, only probabilities are compared and nothing is refused.
 
-    Raises QuantisationError where more than the limit is lost, naming the layers that lose most; SequenceError or
-    ScanError for calibration data that cannot be used. Warns (MosWarning) of data that look unlike the sensor.
+    Raises QuantisationError where more than the limit is lost, naming the layers that lose most; SequenceError for
+    calibration data that cannot be used. Warns (MosWarning) of data that look unlike the sensor.
     """
     if settings.calibration is None:
-        images = [scene.image for scene in simulated(sensor, residual, CALIBRATION_STREETS, settings.streets)]
+        images = [scene.image for scene in simulated(samples, CALIBRATION_STREETS, settings.streets)]
         source = f"{settings.streets} simulated streets from {CALIBRATION_STREETS}"
     else:
-        images = recorded(settings.calibration, sensor, residual)
+        images = recorded(settings.calibration, samples)
         source = f"{len(images)} scans of {settings.calibration.resolve().name}"
     prepared = prepare(network, images[0].shape, images)
-    scenes = simulated(sensor, residual, JUDGING_STREETS, settings.judging)
+    scenes = simulated(samples, JUDGING_STREETS, settings.judging)
     judge = Judge(float_model, scenes, threshold, settings.threads)
     balance = Balance(float_model, images, settings.threads)
 

@@ -7,15 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mos_model.data.dataset import SampleConfig, SimulatedStreets
-from runtime.bundle.residual import HISTORY, Residual
+from runtime.bundle.residual import HISTORY
 from runtime.compute.workers import Workers
-from runtime.doctor.check_scans import check_scans
-from runtime.doctor.check_sensor import check_sensor
-from runtime.doctor.sample import Sample
-from runtime.errors import MosWarning, ScanError, SequenceError
+from runtime.doctor.demand import demand_fit
+from runtime.errors import MosWarning, SequenceError
 from runtime.image.inputs import InputBuilder
 from runtime.recordings.registry import open_recording
-from runtime.sensors.range_image import RangeImage
 
 CALIBRATION_STREETS = 16_000_000  # seeds of the simulated streets for ranges; nothing else has them
 JUDGING_STREETS = 17_000_000  # and of those on which the loss is measured
@@ -28,30 +25,24 @@ class Scene(NamedTuple):
     labels: np.ndarray  # (H, W) 0 unlabelled, 1 static, 2 moving
 
 
-def simulated(sensor: RangeImage, residual: Residual, first: int, count: int) -> list[Scene]:
+def simulated(samples: SampleConfig, first: int, count: int) -> list[Scene]:
     """Two scans of each of `count` simulated streets."""
-    streets = SimulatedStreets(SampleConfig(sensor, residual), frames=2, every=4, first_street=first)
+    streets = SimulatedStreets(samples, frames=2, every=4, first_street=first)
     return [Scene(sample.image[None], sample.labels) for number in range(count) for sample in streets.group(number)]
 
 
-def recorded(folder: Path, sensor: RangeImage, residual: Residual, count: int = 16) -> list[np.ndarray]:
+def recorded(folder: Path, seen_as: SampleConfig, count: int = 16) -> list[np.ndarray]:
     """Images (1, channels, H, W) of `count` scans with a full history, spread over the sequence in `folder`.
 
-    Raises SequenceError or ScanError where it cannot be used; warns of what does not look like the sensor.
+    Raises SequenceError where it cannot be used, and of what `mos doctor` calls bad about it; warns of the rest.
     """
     recording = open_recording(folder)
     if len(recording) <= HISTORY:
         raise SequenceError(f"{folder}: has {len(recording)} scans; calibration needs at least {HISTORY + 1}")
+    so = "it cannot calibrate: take scans that fit, or leave the calibration out (`calibration`)"
+    demand_fit([recording], seen_as.range_image, so)
     chosen = np.unique(np.linspace(HISTORY, len(recording) - 1, count).round().astype(int))
-    samples = [Sample.of(recording.read(int(i)).data) for i in chosen]
-    findings = check_scans(samples) + check_sensor(samples, sensor)
-    for finding in sorted(findings, key=lambda finding: finding.level):  # bad, ok, warn
-        text = f"{folder}: calibration data: {finding.topic}: {finding.text}"
-        if finding.level == "bad":
-            raise ScanError(f"{text}. Calibrate with scans that fit, or leave the calibration out (`calibration`)")
-        if finding.level == "warn":
-            warnings.warn(text, MosWarning, stacklevel=2)
-    builder = InputBuilder(sensor, residual, Workers(1))
+    builder = InputBuilder(seen_as.range_image, seen_as.residual, Workers(1), seen_as.reach)
     images = []
     for index in chosen:
         scans = [recording.read(int(i)) for i in range(index - HISTORY, index + 1)]

@@ -40,6 +40,8 @@ class Augmentation:
     history_chance: float = 0.0  # chance that the oldest past scans are missing, as at the start of a drive
 
     def __post_init__(self) -> None:
+        if len(self.shift) != 2:
+            raise SettingError(f"augmentation shift must be two lengths, of x and y, not {self.shift!r}")
         for name in ("share", "chance", "drop", "remission_off", "row_chance", "row_share", "history_chance"):
             if not 0 <= getattr(self, name) <= 1:
                 raise SettingError(f"augmentation {name} must lie within 0..1, not {getattr(self, name)!r}")

@@ -7,7 +7,7 @@ process may make it, in any order, and training can go on from anywhere.
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,10 @@ from runtime.image.history import Past
 from runtime.image.inputs import InputBuilder
 from runtime.recordings.poses import relative_pose
 from runtime.sensors.range_image import RangeImage
-from runtime.sensors.sensor import UNKNOWN_REACH
+from runtime.sensors.registry import DEFAULT_SENSOR, find_sensor
+
+if TYPE_CHECKING:  # it needs torch, which makes a worker process slow to start
+    from mos_model.networks.config import ModelConfig
 
 VALIDATION_STREETS = 10_000_000  # seeds from here on are held out
 
@@ -30,17 +33,9 @@ VALIDATION_STREETS = 10_000_000  # seeds from here on are held out
 class Frame(NamedTuple):
     """One scan with labels."""
 
-    points: NDArray[np.float32]  # (N, 4) m and remission, LiDAR frame; all finite, none at the origin
+    points: NDArray[np.float32]  # (N, 4) m and remission, LiDAR frame; all take part
     pose: NDArray[np.float64]  # (4, 4) T_world_lidar
     classes: NDArray[np.uint8]  # (N,) 0 unlabelled, 1 static, 2 moving
-
-
-def make_frame(scan: ArrayLike, pose: NDArray[np.float64], classes: NDArray[np.uint8], sensor: RangeImage) -> Frame:
-    """A frame of the points that take part, as a runner takes them in. See `runtime.image.entry`."""
-    entered = Entry(sensor.mean[4], UNKNOWN_REACH, Workers(1)).enter(scan)
-    if entered.takes_part.all():
-        return Frame(entered.points, pose, classes)
-    return Frame(entered.points[entered.takes_part], pose, classes[entered.takes_part])
 
 
 class Sample(NamedTuple):
@@ -68,7 +63,8 @@ class Source(Protocol):
 class SampleConfig:
     """How a frame becomes a sample."""
 
-    sensor: RangeImage = field(default_factory=RangeImage)
+    sensor: str = DEFAULT_SENSOR  # by its name: what is simulated, and how far returns reach
+    range_image: RangeImage = field(default_factory=RangeImage)
     residual: Residual = field(default_factory=Residual)
     augmentation: Augmentation = NONE
     crop: int = 0  # columns of the part of the image that is kept; 0: all
@@ -76,10 +72,28 @@ class SampleConfig:
     points: bool = False  # give the points too (for the point head), those of the crop
 
     def __post_init__(self) -> None:
-        if self.crop and (self.crop % 16 or not 16 <= self.crop <= self.sensor.width):
+        if self.crop and (self.crop % 16 or not 16 <= self.crop <= self.range_image.width):
             raise SettingError(
-                f"crop must be a multiple of 16 up to the image width {self.sensor.width}, not {self.crop}"
+                f"crop must be a multiple of 16 up to the image width {self.range_image.width}, not {self.crop}"
             )
+
+    @classmethod
+    def of(cls, model: "ModelConfig", **others: Any) -> "SampleConfig":
+        """As a network sees its sensor; `others` are fields of this class."""
+        return cls(model.sensor, model.range_image, model.residual, **others)
+
+    @property
+    def reach(self) -> float:
+        """m; farther returns take no part."""
+        return find_sensor(self.sensor).reach
+
+
+def make_frame(scan: ArrayLike, pose: NDArray[np.float64], classes: NDArray[np.uint8], config: SampleConfig) -> Frame:
+    """A frame of the points that take part, as a runner takes them in. See `runtime.image.entry`."""
+    entered = Entry(config.range_image.mean[4], config.reach, Workers(1)).enter(scan)
+    if entered.takes_part.all():
+        return Frame(entered.points, pose, classes)
+    return Frame(entered.points[entered.takes_part], pose, classes[entered.takes_part])
 
 
 def make_samples(
@@ -96,16 +110,18 @@ def make_samples(
     relative = [None if frame is None else relative_pose(current.pose, frame.pose) for frame in past]
     scans = [None if frame is None else frame.points for frame in past]
     made = augment(current.points, current.classes, scans, relative, config.augmentation, rng)
-    builder = InputBuilder(config.sensor, config.residual, Workers(1))
+    builder = InputBuilder(config.range_image, config.residual, Workers(1), config.reach)
     befores = [
         None if points is None or pose is None else Past(points, pose)
         for points, pose in zip(made.past, made.relative, strict=True)
     ]
-    built = builder.build(builder.enter(made.points), befores)
+    entered = builder.enter(made.points)
+    built = builder.build(entered, befores)
     labels = np.where(built.first < 0, np.uint8(UNLABELLED), made.labels[built.first])
     whole = Sample(built.image, labels, _NOWHERE, _NO_PIXEL, _NO_CLASS)
     if config.points:
-        whole = Sample(built.image, labels, made.points[:, :3].copy(), built.pixel, made.labels)
+        seen = entered.takes_part  # some have left the reach of the sensor
+        whole = Sample(built.image, labels, made.points[seen, :3], built.pixel[seen], made.labels[seen])
     if not config.crop:
         return [whole]
     return [_cropped(whole, _draw_columns(labels, config, rng)) for _ in range(crops)]
@@ -140,7 +156,6 @@ class SimulatedStreets:
 
     samples: SampleConfig
     seed: int = 0
-    profile: str = "hdl64e"  # sensor of the simulator
     frames: int = 8  # scans of a street that become samples
     every: int = 2  # scans between them
     crops: int = 1  # of each of them
@@ -163,8 +178,8 @@ class SimulatedStreets:
         history: deque[Frame] = deque(maxlen=HISTORY + 1)
         samples: list[Sample] = []
         length = HISTORY + 1 + self.every * (self.frames - 1)
-        for index, scan in enumerate(simulate(street, length, sensor=self.profile, movers=self.movers)):
-            history.append(make_frame(scan.points, scan.pose, to_classes(scan.labels), self.samples.sensor))
+        for index, scan in enumerate(simulate(street, length, sensor=self.samples.sensor, movers=self.movers)):
+            history.append(make_frame(scan.points, scan.pose, to_classes(scan.labels), self.samples))
             if index >= HISTORY and (index - HISTORY) % self.every == 0:
                 samples += make_samples(list(history), self.samples, rng, self.crops)
         return samples

@@ -15,6 +15,7 @@ from runtime.bundle.head_shape import PointHeadConfig
 from runtime.bundle.residual import Residual
 from runtime.errors import SettingError
 from runtime.sensors.range_image import RangeImage
+from runtime.sensors.registry import DEFAULT_SENSOR, find_sensor
 
 SCAN_CHANNELS = 5  # range, x, y, z, remission
 
@@ -29,11 +30,13 @@ class ModelConfig(ABC):
 
     name: str  # how tables and bundles call it
     channels: int = 32  # width c of the image features, even
-    sensor: RangeImage = field(default_factory=RangeImage)
+    sensor: str = DEFAULT_SENSOR  # by its name: what is simulated for it, and how far returns reach
+    range_image: RangeImage = field(default_factory=RangeImage)
     residual: Residual = field(default_factory=Residual)
     point_head: PointHeadConfig | None = None  # None: image network alone
 
     def __post_init__(self) -> None:
+        find_sensor(self.sensor)
         if type(self.channels) is not int or self.channels < 2 or self.channels % 2:
             raise SettingError(f"channels must be an even whole number of at least 2, not {self.channels!r}")
         if self.point_head is not None and self.point_head.in_channels != self.channels:
@@ -61,7 +64,7 @@ class ModelConfig(ABC):
 
 
 def differences(a: ModelConfig, b: ModelConfig, ignored: tuple[str, ...] = ()) -> list[str]:
-    """What differs but for the settings `ignored`, a readable line each: "sensor.width: 2048 against 1024"."""
+    """What differs but for the settings `ignored`, a readable line each: "range_image.width: 2048 against 1024"."""
     one, other = ({key: v for key, v in config.to_dict().items() if key not in ignored} for config in (a, b))
     return _differences(one, other, "")
 

@@ -11,6 +11,9 @@ import torch
 
 from mos_model.networks.config import ModelConfig
 from runtime.errors import CheckpointError
+from runtime.sensors.range_image import RangeImage
+from runtime.sensors.registry import DEFAULT_SENSOR, name_of
+from runtime.typed_json import build
 
 RENAMED = {"network": "kind", "rt_widths": "widths"}  # settings
 
@@ -19,13 +22,18 @@ def from_flat(values: Mapping[str, Any]) -> dict[str, Any]:
     """The settings of a configuration under their names of today.
 
     The flat form, told by `network`, had `pooling`, `meta_kernel` and `rt_widths` for every kind. Where a kind does not
-    have them they said nothing, or (False, ()) that it does not. `rt_widths` = () stood for the default.
+    have them they said nothing, or (False, ()) that it does not. `rt_widths` = () stood for the default. `sensor` was
+    the range image; which sensor it shows was not said. Raises SettingError where it is none.
     """
     settings = dict(values)
     flat = "network" in settings
     for before, now in RENAMED.items():
         if before in settings:
             settings[now] = settings.pop(before)
+    if isinstance(settings.get("sensor"), Mapping):
+        settings["range_image"] = settings.pop("sensor")
+        image = build(RangeImage, settings["range_image"], "model: sensor")
+        settings["sensor"] = name_of(image) or DEFAULT_SENSOR
     kind = settings.get("kind")
     if flat and kind == "rt":
         settings.pop("pooling", None)

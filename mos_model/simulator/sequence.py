@@ -18,7 +18,7 @@ from mos_model.simulator.terrain import Terrain
 from mos_model.simulator.traffic import Traffic
 from mos_model.simulator.world import World
 from runtime.errors import SettingError
-from runtime.sensors.registry import find_sensor
+from runtime.sensors.registry import DEFAULT_SENSOR, find_sensor
 from runtime.sensors.sensor import Sensor
 
 
@@ -33,7 +33,7 @@ class Frame:
     time: float  # s
 
 
-def simulate(seed: int, frames: int, sensor: str | Sensor = "hdl64e", **settings: Any) -> "Simulation":
+def simulate(seed: int, frames: int, sensor: str | Sensor = DEFAULT_SENSOR, **settings: Any) -> "Simulation":
     """A simulated drive of `frames` scans: iterate over it, or index it. The same arguments give the same
     data.
 

@@ -11,7 +11,8 @@ from mos_model.simulator.sequence import Simulation, simulate
 from runtime.classes import MOVING, to_classes
 from runtime.errors import OutputError, SettingError
 from runtime.files import replacing_folder
-from runtime.sensors.registry import find_sensor
+from runtime.recordings.poses import relative_pose
+from runtime.sensors.registry import DEFAULT_SENSOR, find_sensor
 from runtime.sensors.sensor import Sensor
 
 # T_camera_lidar of a camera that looks forward, a little below and before the LiDAR (KITTI's `Tr`).
@@ -36,7 +37,7 @@ def write_dataset(
     sequences: int = 1,
     frames: int = 100,
     seed: int = 0,
-    sensor: str | Sensor = "hdl64e",
+    sensor: str | Sensor = DEFAULT_SENSOR,
     progress: Callable[[int, int], object] | None = None,
     **settings: Any,
 ) -> WrittenDataset:
@@ -87,8 +88,9 @@ def _write_sequence(folder: Path, drive: Simulation, report: Callable[[int], Non
         moving += int((to_classes(frame.labels) == MOVING).sum())
         report(k + 1)
     camera = CAMERA_FROM_LIDAR
-    start, back = np.linalg.inv(drive.poses[0]), np.linalg.inv(camera)
-    (folder / "poses.txt").write_text("".join(_matrix_line(camera @ start @ p @ back) for p in drive.poses))
+    start, back = drive.poses[0], np.linalg.inv(camera)
+    lines = (_matrix_line(camera @ relative_pose(start, pose) @ back) for pose in drive.poses)
+    (folder / "poses.txt").write_text("".join(lines))
     projection = _matrix_line(np.array(((700.0, 0, 600, 0), (0, 700, 180, 0), (0, 0, 1, 0))))
     calibration = "".join(f"P{i}: {projection}" for i in range(4)) + f"Tr: {_matrix_line(camera)}"
     (folder / "calib.txt").write_text(calibration)

@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from mos_model.data.augment import PAPER, SIM2REAL, Augmentation
 from runtime.errors import SettingError
+from runtime.typed_json import build
 
 OPTIMIZERS = ("sgd", "adam", "adamw")
 SCHEDULES = ("decay", "cosine")
@@ -79,17 +80,12 @@ class TrainConfig:
         """Plain values."""
         return asdict(self) | {"augmentation": asdict(self.augmentation) | {"shift": list(self.augmentation.shift)}}
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> "TrainConfig":
-        """Inverse of `to_dict`. Raises SettingError on an unknown key."""
-        return _changed(cls(), dict(values))
-
 
 def recipe(name: str, stage: int = 1, epoch_steps: int = PUBLISHED_EPOCH, **changes: Any) -> TrainConfig:
     """A recipe by name, with changes of its fields ("augmentation.yaw": a field of the augmentation).
 
     "paper": as published; an epoch has `epoch_steps` steps. "sim2real": for small budgets and simulated
-    streets.
+    streets. Raises SettingError for a field that there is not, or a value that it cannot have.
     """
     if name == "paper" and stage == 1:
         config = TrainConfig(steps=150 * epoch_steps, warmup=epoch_steps, decay_every=epoch_steps)
@@ -129,19 +125,12 @@ def recipe(name: str, stage: int = 1, epoch_steps: int = PUBLISHED_EPOCH, **chan
     return _changed(config, changes)
 
 
-def _changed(config: TrainConfig, changes: dict[str, Any]) -> TrainConfig:
-    inner = {key.split(".", 1)[1]: changes.pop(key) for key in list(changes) if key.startswith("augmentation.")}
-    if isinstance(changes.get("augmentation"), Mapping):
-        inner |= changes.pop("augmentation")
-    if "shift" in inner:
-        inner["shift"] = tuple(inner["shift"])
-    _check(Augmentation, inner)
-    _check(TrainConfig, changes)
-    config = replace(config, **changes)
-    return replace(config, augmentation=replace(config.augmentation, **inner))
-
-
-def _check(kind: type, changes: Mapping[str, Any]) -> None:
-    unknown = set(changes) - {f.name for f in fields(kind)}
-    if unknown:
-        raise SettingError(f"{kind.__name__} has no {', '.join(sorted(unknown))}")
+def _changed(config: TrainConfig, changes: Mapping[str, Any]) -> TrainConfig:
+    settings = config.to_dict()
+    for name, value in changes.items():
+        group, _, inner = name.partition(".")
+        if inner and isinstance(settings.get(group), dict):
+            settings[group][inner] = value
+        else:
+            settings[name] = value
+    return build(TrainConfig, settings, "training")

@@ -14,8 +14,8 @@ FREE = {"steps", "validate_every", "validation_streets", "validation_frames", "p
 
 
 def check_start(start: Stored, model: ModelConfig) -> None:
-    """Refuse a checkpoint of another image network. Its name, sensor and point head may differ."""
-    if found := differences(start.config, model, ignored=("name", "sensor", "point_head")):
+    """Refuse a checkpoint of another image network. Its name, sensor, range image and point head may differ."""
+    if found := differences(start.config, model, ignored=("name", "sensor", "range_image", "point_head")):
         raise CheckpointError(
             f"{start.path}: of another network (its own against the one to train): {'; '.join(found)}"
         )

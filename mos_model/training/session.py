@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from mos_model.data.dataset import class_frequency
-from mos_model.data.kitti import RecordedFrames
+from mos_model.data.recorded import RecordedFrames
 from mos_model.networks import checkpoint
 from mos_model.networks.config import ModelConfig
 from mos_model.training.distributed import Ranks

@@ -6,10 +6,12 @@ from typing import Any
 
 from mos_model.data.augment import NONE
 from mos_model.data.dataset import VALIDATION_STREETS, SampleConfig, SimulatedStreets
-from mos_model.data.kitti import RecordedFrames, open_recordings, training_frames, validation_frames
+from mos_model.data.labelled import demand_movers, open_labelled
+from mos_model.data.recorded import RecordedFrames, training_frames, validation_frames
 from mos_model.networks.config import ModelConfig
 from mos_model.training.recipe import TrainConfig
 from mos_model.training.validation import Validation
+from runtime.recordings.recording import Options
 
 
 @dataclass(frozen=True)
@@ -19,7 +21,7 @@ class Data:
     root: Path | None = None  # of a data set in the layout of SemanticKITTI; None: simulated streets
     train: tuple[str, ...] = ()  # sequences
     validation: tuple[str, ...] = ()
-    profile: str = "hdl64e"  # sensor of the simulator
+    frame: str | None = None  # whose poses they have, see `runtime.recordings.recording.Options`
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
@@ -27,7 +29,6 @@ class Data:
             "root": str(self.root) if self.root else None,
             "train": list(self.train),
             "validation": list(self.validation),
-            "profile": self.profile,
         }
 
 
@@ -36,12 +37,11 @@ SIMULATED = Data()
 
 def sample_config(model: ModelConfig, config: TrainConfig) -> SampleConfig:
     """How a recipe makes training samples for a network."""
-    return SampleConfig(
-        model.sensor,
-        model.residual,
-        config.augmentation,
-        config.crop,
-        config.crop_on_moving,
+    return SampleConfig.of(
+        model,
+        augmentation=config.augmentation,
+        crop=config.crop,
+        crop_on_moving=config.crop_on_moving,
         points=config.stage == 2,
     )
 
@@ -50,12 +50,10 @@ def simulated_data(
     model: ModelConfig, config: TrainConfig, data: Data = SIMULATED
 ) -> tuple[SimulatedStreets, Validation]:
     """Training streets, and held-out ones of fixed seeds, whole and as they are."""
-    profile = data.profile
     samples = sample_config(model, config)
-    streets = SimulatedStreets(samples, config.seed, profile, config.street_frames, config.street_every, config.crops)
+    streets = SimulatedStreets(samples, config.seed, config.street_frames, config.street_every, config.crops)
     held_out = SimulatedStreets(
         replace(samples, augmentation=NONE, crop=0),
-        profile=profile,
         frames=config.validation_frames,
         every=4,
         first_street=VALIDATION_STREETS,
@@ -67,10 +65,12 @@ def recorded_data(model: ModelConfig, config: TrainConfig, data: Data) -> tuple[
     """Training and validation frames of a data set on disk, all of it checked."""
     assert data.root is not None
     samples = sample_config(model, config)
-    recordings = open_recordings(data.root, data.train + data.validation)
+    recordings = open_labelled(data.root, data.train + data.validation, model.range_image, Options(frame=data.frame))
     train, held_out = recordings[: len(data.train)], recordings[len(data.train) :]
+    demand_movers(train, "training sequences")
     frames = training_frames(samples, train, config.seed, config.crops)
     if not held_out:
         return frames, None
+    demand_movers(held_out, "validation sequences")
     whole = validation_frames(replace(samples, augmentation=NONE, crop=0), held_out)
     return frames, Validation(whole, len(whole.frames))

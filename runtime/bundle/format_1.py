@@ -5,7 +5,7 @@ from typing import Any
 
 from runtime.errors import BundleError, MosError
 from runtime.sensors.range_image import RangeImage
-from runtime.sensors.registry import SENSORS
+from runtime.sensors.registry import name_of
 from runtime.typed_json import build
 
 
@@ -23,7 +23,6 @@ def upgraded(values: Mapping[str, Any], where: str) -> dict[str, Any]:
 def _name_of(image: Any) -> str:
     """The sensor whose range image this is."""
     try:
-        given = build(RangeImage, image, "sensor")
+        return name_of(build(RangeImage, image, "sensor")) or "unknown"
     except MosError:  # which is said when the manifest is built
         return "unknown"
-    return next((name for name, sensor in SENSORS.items() if sensor.range_image == given), "unknown")

@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.classes import CLASSES, LABELS, MOVING, label_ids, to_classes
-from runtime.errors import MosError, SequenceError
+from runtime.errors import MosError, SequenceError, raise_all
 from runtime.evaluation.confusion import Confusion
-from runtime.evaluation.layout import Frame, raise_all
+from runtime.evaluation.layout import Frame
 from runtime.recordings.labels import read_prediction, read_truth
 from runtime.recordings.scans import ScanData
 

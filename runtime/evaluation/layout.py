@@ -4,11 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from runtime.errors import SequenceError, some
+from runtime.errors import SequenceError, raise_all, some
 from runtime.recordings.recording import Indexed, Options
 from runtime.recordings.registry import as_given, find_recordings
-
-MOST = 5  # problems that a message names one by one
 
 
 @dataclass(frozen=True)
@@ -102,11 +100,3 @@ def scans_of(labels: Path) -> Mapping[str, tuple[Indexed, int]]:
 def by_stem(folder: Path) -> dict[str, Path]:
     """The .label files of a folder, sorted, by name without suffix."""
     return {file.stem: file for file in sorted(folder.glob("*.label")) if not file.name.startswith(".")}
-
-
-def raise_all(problems: list[str], so: str) -> None:
-    """Raise SequenceError with the first problems and the number of all, if there are any."""
-    if problems:
-        lines = problems[:MOST] + ([f"and {len(problems) - MOST} more"] if len(problems) > MOST else [])
-        count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
-        raise SequenceError(f"{count}, so {so}:\n  " + "\n  ".join(lines))

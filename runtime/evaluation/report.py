@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from runtime import __version__
-from runtime.classes import MOVERS, RANGE
+from runtime.classes import MOVERS, RANGE, STATIC
 from runtime.errors import SequenceError, some
 from runtime.evaluation.confusion import Confusion
 from runtime.evaluation.evaluate import BINS, UNKNOWN, Counts, evaluate
@@ -68,7 +68,7 @@ def _scores(confusion: Confusion) -> dict[str, Any]:
     found, missed, false = confusion.movers
     moving = found + missed
     return {
-        "points": int(confusion.matrix[1:].sum()),
+        "points": int(confusion.matrix[STATIC:].sum()),
         "moving": moving,
         "found": found,
         "missed": missed,

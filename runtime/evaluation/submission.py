@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from runtime.classes import MOVING, RANGE, to_classes
-from runtime.errors import MosWarning, SequenceError, SettingError, some
-from runtime.evaluation.layout import by_stem, find_labels, raise_all
+from runtime.errors import MosWarning, SequenceError, SettingError, raise_all, some
+from runtime.evaluation.layout import by_stem, find_labels
 from runtime.files import replacing
 from runtime.recordings.labels import LABEL_BYTES, Labels, read_prediction
 from runtime.recordings.recording import Indexed, Options

@@ -44,7 +44,7 @@ class PointHead(ABC):
     ) -> Floats:
         """Class probabilities (N, 3) of a scan's points; NaN for points that were not refined.
 
-        `xyz` (N, 3) m, LiDAR frame; `valid` (N,) points that take part (those with NaN or infinity never do);
+        `xyz` (N, 3) m, LiDAR frame; `valid` (N,) points that take part, all of them finite;
         `pixel_features` (N, c), or a FeatureMap. `candidates` (N,): refine these only, looking at the voxels within
         `halo` m of theirs (on each axis), and at the rest of the blocks of 4^3 voxels that these lie in; "exact" is
         wide enough for the result of a full run. None: refine all valid points. Raises ScanError for shapes that do

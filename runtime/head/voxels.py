@@ -52,15 +52,14 @@ def voxelise(
 ) -> Voxels:
     """Voxels of a scan: `q = round(xyz / voxel_size)` in float32, ties to even, minus the minimum per axis.
 
-    `xyz` (N, 3) float32 m; `valid` (N,) bool: points to use, by default all but those at the origin. Points
-    with NaN or infinite coordinates are always left out. `near`: candidates (N,) bool and a distance in voxels; leaves
-    out the voxels that are farther (on some axis) from those of all candidates, but not each of them, on the grid of
-    the whole scan. Raises ScanError where the scan spans 2^21 voxels.
+    `xyz` (N, 3) float32 m; `valid` (N,) bool: those that take part, which are finite; None: all. `near`: candidates
+    (N,) bool and a distance in voxels; leaves out the voxels that are farther (on some axis) from those of all
+    candidates, but not each of them, on the grid of the whole scan. Raises ScanError where the scan spans 2^21 voxels.
     """
     xyz = np.require(xyz, np.float32, ["W"])  # columns of a wider array are read where they are
     if xyz.ndim != 2 or xyz.shape[1] != 3:
         raise ScanError(f"a scan's coordinates must be (N, 3), not {xyz.shape}")
-    mask = xyz.any(axis=1) if valid is None else np.require(valid, np.bool_, ["C", "W"])
+    mask = np.ones(len(xyz), np.bool_) if valid is None else np.require(valid, np.bool_, ["C", "W"])
     if mask.shape != xyz.shape[:1]:
         raise ScanError(f"the mask of valid points must be ({len(xyz)},), not {mask.shape}")
     if near is not None and (np.shape(near[0]) != xyz.shape[:1] or near[1] < 0):
@@ -109,11 +108,6 @@ def _grid(box: NDArray[np.float32], size: np.float32) -> tuple[NDArray[np.int64]
 
 
 @inlined
-def _used(xyz, valid, i):  # type: ignore[no-untyped-def]
-    return valid[i] and np.isfinite(xyz[i, 0]) and np.isfinite(xyz[i, 1]) and np.isfinite(xyz[i, 2])
-
-
-@inlined
 def _cell(x, size):  # type: ignore[no-untyped-def]
     return np.int64(np.rint(x / size))
 
@@ -123,7 +117,7 @@ def _extent(xyz, valid, start, stop, box):  # type: ignore[no-untyped-def]
     x0 = y0 = z0 = np.float32(np.inf)
     x1 = y1 = z1 = np.float32(-np.inf)
     for i in range(start, stop):
-        if _used(xyz, valid, i):
+        if valid[i]:
             x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
             x0, y0, z0 = min(x0, x), min(y0, y), min(z0, z)
             x1, y1, z1 = max(x1, x), max(y1, y), max(z1, z)
@@ -137,7 +131,7 @@ def _mark(xyz, size, lowest, valid, candidates, apart, marks):  # type: ignore[n
     seen = np.zeros_like(marks)
     tower = np.uint64((1 << min(2 * apart + 1, _HEIGHT)) - 1)
     for i in candidates:
-        if not _used(xyz, valid, i):
+        if not valid[i]:
             continue
         x = _cell(xyz[i, 0], size) - lowest[0] >> _BLOCK
         y = _cell(xyz[i, 1], size) - lowest[1] >> _BLOCK
@@ -179,7 +173,7 @@ def _keys(xyz, size, valid, marks, lowest, start, stop, keys, points):  # type: 
     """Keys and numbers of the points from `start` on that are near, from `start` on; returns their end."""
     end = start
     for i in range(start, stop):
-        if _used(xyz, valid, i):
+        if valid[i]:
             x = _cell(xyz[i, 0], size) - lowest[0]
             y = _cell(xyz[i, 1], size) - lowest[1]
             z = _cell(xyz[i, 2], size) - lowest[2]

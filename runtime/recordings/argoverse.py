@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -64,11 +65,12 @@ def _poses(path: Path, files: tuple[Path, ...], times: Times, mount: Pose, optio
     )
     names = [f"{source}: pose of {file.name}" for file in files]
     poses, broken = checked(vehicle @ mount, broken, names, options.skip_broken)
+    return ScanPoses(poses, broken, POSES, partial(_others, vehicle, mount))
 
-    def others() -> dict[str, Poses]:
-        return {"inverse": np.linalg.inv(vehicle) @ mount}
 
-    return ScanPoses(poses, broken, POSES, others)
+def _others(vehicle: Poses, mount: Pose) -> dict[str, Poses]:
+    """See `Indexed.other_poses`."""
+    return {"inverse": np.linalg.inv(vehicle) @ mount}
 
 
 def _mount(path: Path) -> Pose:

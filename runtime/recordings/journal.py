@@ -8,6 +8,7 @@ from pathlib import Path
 
 from runtime.errors import OutputError
 from runtime.files import write_whole
+from runtime.typed_json import build
 
 JOURNAL = "scans.jsonl"  # beside the folder of the labels
 
@@ -87,12 +88,7 @@ def _read(path: Path) -> dict[str, Entry]:
         try:
             found = json.loads(line)
             key = str(found.pop("scan"))
-            entries[key] = Entry(**found)
-        except (
-            ValueError,
-            KeyError,
-            TypeError,
-            AttributeError,
-        ):  # cut off in a crash, and written on: its scan is made anew
-            continue
+            entries[key] = build(Entry, found, key)
+        except (ValueError, KeyError, TypeError, AttributeError):  # cut off in a crash, and written on:
+            continue  # its scan is made anew
     return entries

@@ -4,6 +4,7 @@ import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -82,7 +83,7 @@ class ScanPoses:
     poses: Poses  # (T, 4, 4) float64 T_world_lidar
     broken: dict[int, str]  # what is wrong with the pose of a scan, by number
     origin: str  # see `Recording.poses_from`
-    others: Callable[[], dict[str, Poses]]  # see `Indexed.other_poses`
+    others: Callable[[], dict[str, Poses]]  # see `Indexed.other_poses`; no lambda, which no other process could get
 
 
 def read_file_poses(folder: Path, scans: tuple[Path, ...], options: Options, times: Times | None) -> ScanPoses:
@@ -111,7 +112,7 @@ def read_file_poses(folder: Path, scans: tuple[Path, ...], options: Options, tim
         names = [f"pose {line} (from 0, scan {scans[index].name})" for index, line in enumerate(lines)]
     names = [f"{files.poses}: {name}" for name in names]
     poses, broken = checked(poses, broken, names, options.skip_broken)
-    return ScanPoses(poses, broken, files.origin(folder), lambda: files.readings(raw, folder))
+    return ScanPoses(poses, broken, files.origin(folder), partial(files.readings, raw, folder))
 
 
 def checked(poses: Poses, broken: dict[int, str], names: list[str], skip_broken: bool) -> tuple[Poses, dict[int, str]]:

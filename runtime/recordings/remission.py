@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from runtime.errors import MosError
 from runtime.recordings.scans import ScanData
 
 log = logging.getLogger("lidar_mos.recordings")
@@ -63,12 +62,3 @@ def find_scale(scans: Iterable[ScanData]) -> tuple[float, float]:
     counts = bool(values.max() > 1) and bool((values == np.floor(values)).all())  # a dark scene, in whole numbers
     scales = FULL_SCALES[1:] if counts else FULL_SCALES
     return top, next((scale for scale in scales if top <= scale), scales[-1])
-
-
-def readable(reads: Iterable[Callable[[], ScanData]]) -> Iterable[ScanData]:
-    """What these functions give; those that raise a MosError are left out: it is said when the scan is read."""
-    for read in reads:
-        try:
-            yield read()
-        except MosError:
-            continue

@@ -2,21 +2,24 @@
 
 import os
 import re
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from runtime.errors import PoseError, SequenceError
+from runtime.errors import MosError, PoseError, SequenceError
 from runtime.recordings.formats.registry import SUFFIXES, count_points, find_columns, read_cloud
 from runtime.recordings.labels import read_truth
 from runtime.recordings.pose_files import ScanPoses, Times, read_file_poses, read_times
 from runtime.recordings.poses import Pose, Poses
 from runtime.recordings.recording import Indexed, Options, Scan
-from runtime.recordings.remission import FIRST, Remission, readable
-from runtime.recordings.scans import moved
+from runtime.recordings.remission import FIRST, Remission
+from runtime.recordings.scans import ScanData, moved
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +84,7 @@ def of_files(
 ) -> ScanFiles:
     """The first `options.limit` of these files, with their poses and times. mount: see `ScanFiles`."""
     columns = options.columns or find_columns(files[:FIRST])
-    first = [lambda file=file: read_cloud(file, columns).data for file in files[:FIRST]]
+    first = partial(_readable, files[:FIRST], columns)  # unlike a lambda, it goes to other processes
     files = files[: options.limit]
     return ScanFiles(
         name=folder.name,
@@ -95,9 +98,16 @@ def of_files(
         files=files,
         file_poses=found,
         columns=columns,
-        remission=Remission(options.remission_scale, str(folder), lambda: readable(first)),
+        remission=Remission(options.remission_scale, str(folder), first),
         mount=mount,
     )
+
+
+def _readable(files: tuple[Path, ...], columns: int) -> Iterator[ScanData]:
+    """The scans in those files that can be read; what is wrong with the others is said when it is their turn."""
+    for file in files:
+        with suppress(MosError):
+            yield read_cloud(file, columns).data
 
 
 def scan_files(folder: Path) -> list[Path]:

@@ -2,6 +2,7 @@
 
 from runtime.errors import SettingError
 from runtime.sensors import ouster, velodyne
+from runtime.sensors.range_image import RangeImage
 from runtime.sensors.sensor import Sensor
 
 SENSORS: dict[str, Sensor] = {
@@ -16,6 +17,8 @@ SENSORS: dict[str, Sensor] = {
     )
 }
 
+DEFAULT_SENSOR = velodyne.HDL64E.name  # that of SemanticKITTI, for which the published networks were made
+
 
 def find_sensor(sensor: str | Sensor) -> Sensor:
     """The sensor of that name, or the sensor itself. Raises SettingError for an unknown name."""
@@ -24,3 +27,10 @@ def find_sensor(sensor: str | Sensor) -> Sensor:
     if sensor not in SENSORS:
         raise SettingError(f"unknown sensor {sensor!r}; known are {', '.join(SENSORS)}")
     return SENSORS[sensor]
+
+
+def name_of(image: RangeImage) -> str | None:
+    """The sensor whose field of view a range image shows; None where it is of none. Rows and columns may be others."""
+    view = image.fov_up, image.fov_down
+    known = ((name, sensor.range_image) for name, sensor in SENSORS.items())
+    return next((name for name, its in known if (its.fov_up, its.fov_down) == view), None)

@@ -2,11 +2,13 @@
 
 import importlib.util
 import json
+import shutil
 import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import typer
 
 from bench import accuracy
 from bench.accuracy import Scan, score, shipped, with_peer, with_runner
@@ -89,14 +91,34 @@ def test_a_peer_gets_points_of_the_world_and_tells_what_moves(monkeypatch):
         np.testing.assert_array_equal(calls[0][1], [5, 6, 7])
 
 
+def test_streets_are_those_of_the_sensor_of_the_bundles(tmp_path, monkeypatch):
+    other = shutil.copytree(BUNDLE, tmp_path / "other")
+    manifest = json.loads((other / "manifest.json").read_text())
+    manifest["sensors"][0]["name"] = "vlp16"
+    (other / "manifest.json").write_text(json.dumps(manifest))
+    asked = []
+
+    def simulate(seed, frames, sensor, **settings):
+        asked.append(sensor)
+        return []
+
+    monkeypatch.setattr(accuracy, "simulate", simulate)
+    monkeypatch.setattr(accuracy, "peers", lambda: ({}, {}))
+    accuracy.bench([other], streets=1, frames=1, quiet=1, threads=1)
+    assert asked == ["vlp16", "vlp16"]
+    with pytest.raises(typer.BadParameter, match="vlp16"):
+        accuracy.bench([other, BUNDLE], streets=1, frames=1, quiet=1, threads=1)
+
+
 def test_the_file_keeps_its_keys(tmp_path, monkeypatch):
     monkeypatch.setattr(accuracy, "simulated", lambda *a, **k: [drive])
     monkeypatch.setattr(accuracy, "peers", lambda: ({}, {"other": HINT}))
-    monkeypatch.setattr(accuracy, "residual_threshold", lambda: lambda scan: np.zeros(len(scan.points), bool))
+    monkeypatch.setattr(accuracy, "residual_threshold", lambda _: lambda: lambda scan: np.zeros(len(scan.points), bool))
     file = tmp_path / "accuracy.json"
     accuracy.bench([BUNDLE], streets=1, frames=3, quiet=10, threads=1, out=file)
     found = json.loads(file.read_text())
-    assert set(found) == {"machine", "streets", "frames", "quiet", "precision", "percent", "left_out", "peers"}
+    settings = {"sensor", "streets", "frames", "quiet", "precision"}
+    assert set(found) == {"machine", "percent", "left_out", "peers"} | settings
     assert found["left_out"] == {"other": HINT}
     assert set(found["percent"]) == {"residual threshold, untrained", "bundle, none", "bundle, knn", "bundle, head"}
     columns = ["simulated iou", "simulated precision", "simulated recall", "quiet streets false alarms"]

@@ -75,7 +75,5 @@ def test_a_sequence_without_fitting_labels_is_an_error(tmp_path):
         (tmp_path / name).mkdir()
     np.full(10, 252, np.uint32).tofile(tmp_path / "labels" / "000000.label")
     np.ones((10, 4), np.float32).tofile(tmp_path / "velodyne" / "000000.bin")
-    (tmp_path / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n")
-    (tmp_path / "calib.txt").write_text("Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n")
     with pytest.raises(ValueError, match="at most 2 % of moving points"):
         busiest(tmp_path)

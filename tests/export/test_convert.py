@@ -15,6 +15,7 @@ from export.convert import export_checkpoint
 from mos_model.networks.checkpoint import load, save
 from mos_model.simulator import simulate
 from runtime.bundle.loading import load_bundle
+from runtime.bundle.manifest import Tuned
 from runtime.errors import BundleError, CheckpointError, OutputError, ParityError, SettingError
 from runtime.runner import MosRunner
 from runtime.sensors.registry import SENSORS
@@ -78,6 +79,19 @@ def test_the_committed_bundle_is_that_of_the_committed_checkpoint(first):
         for graph in graphs:
             graph.ClearField("initializer")
         assert graphs[0] == graphs[1], name
+
+
+def test_what_was_calibrated_with_the_weights_is_in_the_manifest(tmp_path):
+    config = dataclasses.replace(tiny_config(), point_head=None)
+    record = {"trained": False, "threshold": 0.4, "tuned": {"candidate": 0.3, "jump": 4}}
+    save(tmp_path / "checkpoint.pt", config, random_network(config)[0], None, record, half=True)
+    manifest = export_checkpoint(tmp_path / "checkpoint.pt", tmp_path / "bundle").bundle.manifest
+    assert manifest.tuned == Tuned(candidate=0.3, jump=4)
+    assert manifest.sensor.decision.threshold == 0.4
+    assert "tuned" not in manifest.weights["training"]
+    save(tmp_path / "checkpoint.pt", config, random_network(config)[0], None, {"tuned": {"candidat": 0.3}})
+    with pytest.raises(CheckpointError, match=r"checkpoint\.pt: tuned: unknown entry candidat"):
+        export_checkpoint(tmp_path / "checkpoint.pt", tmp_path / "other")
 
 
 def test_the_bundle_runs(first):

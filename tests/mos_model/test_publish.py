@@ -3,16 +3,21 @@
 import os
 import subprocess
 import sys
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 import torch
 
+import mos_model.simulator
 from mos_model.networks import checkpoint
 from mos_model.networks.registry import named_config
 from mos_model.publish import BINS, QUIET, Histogram, calibrate, data_of, publish
+from mos_model.simulator import simulate
 from runtime.bundle.head_shape import PointHeadConfig
+from runtime.bundle.manifest import Tuned
 from runtime.sensors.range_image import RangeImage
+from runtime.sensors.registry import find_sensor
 from tests.support.paths import ROOT
 
 HEAD = PointHeadConfig(4, (4,), (4,), None, 0.0, 0.4, "mean")
@@ -50,7 +55,7 @@ def test_quiet_scans_bound_the_threshold():
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        ({"root": None, "profile": "hdl64e"}, "simulated streets of mos_model.simulator"),
+        ({"root": None, "train": []}, "simulated streets of mos_model.simulator"),
         ({"root": "/data/semantic-kitti", "train": ["00"]}, "recorded scans in semantic-kitti"),
         ("what was written before", "what was written before"),
     ],
@@ -61,21 +66,37 @@ def test_what_weights_were_trained_on_is_what_the_run_says(data, words):
 
 def test_published_checkpoint(tmp_path):
     torch.manual_seed(0)
-    config = named_config("rt-head", 4, widths=(4, 4, 4, 4), point_head=HEAD, sensor=RangeImage(height=16, width=64))
+    config = named_config(
+        "rt-head", 4, widths=(4, 4, 4, 4), point_head=HEAD, range_image=RangeImage(height=16, width=64)
+    )
     network, head = config.build_image_network(), config.build_point_head()
-    checkpoint.save(tmp_path / "last.pt", config, network, head, {"step": 7})
+    checkpoint.save(tmp_path / "last.pt", config, network, head, {"step": 7, "tuned": {"candidate": 0.3}})
     publish(tmp_path / "last.pt", tmp_path / "ship" / "checkpoint.pt", streets=1, name="small", licence="MIT")
     found = checkpoint.load(tmp_path / "ship" / "checkpoint.pt")
     assert found.config.name == "small"
     assert found.training["step"] == 7
     assert found.training["postprocess"] == "head"
     assert found.training["licence"] == "MIT"
-    pixels, points = calibrate(checkpoint.load(tmp_path / "last.pt"), 1)
+    assert found.training["tuned"] == asdict(Tuned(candidate=0.3))
+    pixels, points = calibrate(checkpoint.load(tmp_path / "last.pt"), 1, candidate=0.3)
     assert found.training["threshold"] == pixels.best_threshold(QUIET)[0]
     assert found.training["head_threshold"] == points.best_threshold(QUIET)[0]
     assert points.counts.sum() > pixels.counts.sum() > 0
     stored = checkpoint.read(tmp_path / "ship" / "checkpoint.pt")
     assert {v.dtype for v in stored.image_net.values() if v.is_floating_point()} == {torch.float16}
+
+
+def test_thresholds_are_those_of_the_sensor(monkeypatch):
+    asked = set()
+
+    def watched(seed, frames, sensor, **settings):
+        asked.add(sensor)
+        return simulate(seed, frames, replace(find_sensor(sensor), azimuth_steps=180), **settings)
+
+    monkeypatch.setattr(mos_model.simulator, "simulate", watched)
+    config = named_config("rt", 4, widths=(4, 4), sensor="vlp16", range_image=RangeImage(16, 64, 15, -15))
+    calibrate(checkpoint.Checkpoint(config, config.build_image_network().eval(), None, {}), 1, frames=1)
+    assert asked == {"vlp16"}
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 import torch
 import typer
@@ -15,7 +16,8 @@ from runtime.errors import CheckpointError, SequenceError, SettingError
 from runtime.sensors.registry import find_sensor
 from tests.support.training import write_recording
 
-TINY = ["--channels", "4", "--set", "model.sensor.height=16", "--set", "model.sensor.width=64"]
+VIEW = ["--set", "model.range_image.fov_up=16", "--set", "model.range_image.fov_down=-16"]
+TINY = ["--channels", "4", "--set", "model.range_image.height=16", "--set", "model.range_image.width=64", *VIEW]
 SHORT = [
     "--recipe",
     "sim2real",
@@ -51,7 +53,7 @@ def run(*arguments: object) -> None:
 @pytest.fixture
 def root(tmp_path):
     write_recording(tmp_path / "data" / "sequences" / "00", frames=10)
-    write_recording(tmp_path / "data" / "sequences" / "08", frames=3, seed=1)
+    write_recording(tmp_path / "data" / "sequences" / "08", frames=6, seed=1)
     return tmp_path / "data"
 
 
@@ -64,13 +66,12 @@ def test_both_stages_on_recordings(root, tmp_path):
     run(*base(root, out, "--config", "v2-lite", "--steps", 3))
     first = checkpoint.load(out / "best.pt")
     assert first.config == read_config(first.config.to_dict())
-    assert (first.config.channels, first.config.point_head, first.config.sensor.height) == (4, None, 16)
+    assert (first.config.channels, first.config.point_head, first.config.range_image.height) == (4, None, 16)
     assert first.training["config"]["crop"] == 32
     assert first.training["data"] == {
         "root": str(root),
         "train": ["00"],
         "validation": ["08"],
-        "profile": "hdl64e",
     }
     second = tmp_path / "head"
     stage2 = ["--config", "v2-lite", "--stage", 2, "--steps", 2, "--batch", 1, "--crop", 0]
@@ -97,7 +98,7 @@ def test_simulated_streets(tmp_path):
         2,
     )
     saved = checkpoint.load(tmp_path / "last.pt")
-    assert saved.config.sensor == find_sensor("vlp16").range_image
+    assert (saved.config.sensor, saved.config.range_image) == ("vlp16", find_sensor("vlp16").range_image)
     assert saved.training["step"] == 2
     kinds = [json.loads(line)["kind"] for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
     assert kinds == ["train", "validation"]
@@ -129,8 +130,24 @@ def test_second_stage_needs_a_first(root, tmp_path):
 
 
 def test_a_data_set_that_is_not_complete_is_refused_before_anything_is_written(root, tmp_path):
-    with pytest.raises(SequenceError, match=r"sequences/01 does not exist.*sequences/10 does not exist"):
+    with pytest.raises(SequenceError, match=r"has no sequence 01, 02, .*, 10; there are 00, 08"):
         run("--data", root, "--out", tmp_path / "run", *TINY, *SHORT)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("name", ["00", "08"])
+def test_a_data_set_without_movers_is_refused(name, root, tmp_path):
+    for file in (root / "sequences" / name / "labels").iterdir():
+        np.full(file.stat().st_size // 4, 40, np.uint32).tofile(file)
+    with pytest.raises(SequenceError, match=rf"sequences \({name}\): no point of .* is labelled as moving"):
+        run(*base(root, tmp_path / "run"))
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_the_doctor_calls_bad_is_refused(root, tmp_path):
+    (root / "sequences" / "00" / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 10)
+    with pytest.raises(SequenceError, match=r"sequences/00: alignment: .*do not belong together"):
+        run(*base(root, tmp_path / "run"))
     assert not (tmp_path / "run").exists()
 
 
@@ -150,6 +167,9 @@ def test_settings():
         run("--set", "model.colour=1")
     with pytest.raises(typer.BadParameter, match="no group"):
         train.set_nested({"depth": 3}, ["depth", "x"], 1)
+    model = {"sensor": "vlp16", "range_image": {"width": 1024}}
+    train.set_nested(model, ["sensor", "width"], 64)  # what the range image was called
+    assert model == {"sensor": "vlp16", "range_image": {"width": 64}}
 
 
 @pytest.mark.parametrize(
@@ -158,6 +178,7 @@ def test_settings():
         ["--road"],
         ["--train-on", "00"],
         ["--validate-on", "08"],
+        ["--pose-frame", "lidar"],
         ["--data", "{root}", "--road", "--train-on", "00", "--validate-on", "08"],
         ["--data", "{root}", "--train-on", ""],
         ["--data", "{root}", "--train-on", "00,,01"],
@@ -182,7 +203,7 @@ def test_what_would_be_ignored_or_cannot_be_is_wrong_usage(arguments, root, tmp_
 def test_errors_name_no_options_of_other_commands(root, tmp_path, capsys):
     (root / "sequences" / "00" / "poses.txt").unlink()
     assert run_alone(train.train, "mos train", [str(one) for one in base(root, tmp_path / "run")]) == 1
-    (said,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mos: ")]
+    said = capsys.readouterr().err.partition("mos: ")[2]
     assert "poses.txt" in said
     assert "--" not in said
     assert "`" not in said

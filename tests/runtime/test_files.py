@@ -1,6 +1,5 @@
 """Files and folders are whole or absent, and one file of the product sees to it."""
 
-import ast
 import os
 import stat
 
@@ -9,9 +8,6 @@ import pytest
 from runtime.errors import OutputError
 from runtime.files import replacing, replacing_folder, write_whole
 from tests.support.disk import full_disk
-from tests.support.sources import sources
-
-MOVES = {"os.replace", "os.rename", "os.renames", "os.link", "shutil.move", "tempfile.mkstemp", "tempfile.mkdtemp"}
 
 
 def test_a_file_is_written_where_no_folder_was(tmp_path):
@@ -130,23 +126,3 @@ def test_a_folder_that_cannot_be_written_leaves_the_older_one(tmp_path, monkeypa
         write_folder(tmp_path / "folder", "newer")
     assert (tmp_path / "folder" / "inner" / "a").read_text() == "older"
     assert os.listdir(tmp_path) == ["folder"]
-
-
-def test_there_is_one_place():
-    """Nothing else moves a file into the place of another, or has temporary names of its own."""
-    found = [
-        f"{path}:{node.lineno}: {ast.unparse(node.func)}"
-        for path, tree in sources()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and _moves(node) and path != "runtime/files.py"
-    ]
-    assert found == []
-
-
-def _moves(call):
-    """Moves of the standard library, and `.rename(target)` or `.replace(target)`, as only paths have them."""
-    if ast.unparse(call.func) in MOVES:
-        return True
-    if isinstance(call.func, ast.Attribute) and call.func.attr in ("rename", "replace"):
-        return len(call.args) == 1 and not call.keywords
-    return False

@@ -33,7 +33,7 @@ SEED = 0
 def tiny_config() -> ModelConfig:
     """The smallest network that has every part."""
     head = PointHeadConfig(in_channels=4, down=(8, 16), up=(16, 8), fuse_after_up=None, dropout=0.0)
-    return named_config("v2-lite", 4, name="tiny", sensor=RangeImage(width=256), point_head=head)
+    return named_config("v2-lite", 4, name="tiny", range_image=RangeImage(width=256), point_head=head)
 
 
 def random_network(config: ModelConfig) -> tuple[nn.Module, nn.Module | None]:
@@ -67,8 +67,8 @@ def expected_probabilities(checkpoint: Path, sequence: Path) -> np.ndarray:
     *past, (points, pose) = drive[: HISTORY + 1]
     past.reverse()
     relative = [np.linalg.inv(pose) @ other for _, other in past]
-    image = input_image(points, [scan for scan, _ in past], relative, config.sensor, config.residual)
-    pixels = np.array([project_point(*point[:3].astype(np.float64), config.sensor)[:2] for point in points])
+    image = input_image(points, [scan for scan, _ in past], relative, config.range_image, config.residual)
+    pixels = np.array([project_point(*point[:3].astype(np.float64), config.range_image)[:2] for point in points])
     valid = pixels[:, 0] >= 0
     u, v = pixels[valid].T
     probabilities = np.zeros((len(points), 3), np.float32)

@@ -78,9 +78,14 @@ def write_kitti(folder: Path, count: int = 10, **options) -> Path:
     (folder / "velodyne").mkdir(parents=True)
     for i, pose in enumerate(poses):
         scan(pose, world, **options).tofile(folder / "velodyne" / f"{i:06d}.bin")
+    write_camera_poses(folder, poses)
+    return folder
+
+
+def write_camera_poses(folder: Path, poses: np.ndarray) -> None:
+    """poses.txt in the camera frame and calib.txt, of T_world_lidar (T, 4, 4)."""
     write_poses(folder / "poses.txt", TR @ np.linalg.inv(poses[0]) @ poses @ np.linalg.inv(TR))
     (folder / "calib.txt").write_text("P0: " + " ".join(["0"] * 12) + "\nTr: " + _row(TR) + "\n")
-    return folder
 
 
 def write_poses(path: Path, poses: np.ndarray) -> None:

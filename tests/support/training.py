@@ -9,14 +9,15 @@ from mos_model.data.dataset import Sample
 from mos_model.networks.config import ModelConfig
 from mos_model.networks.registry import named_config
 from runtime.sensors.range_image import RangeImage
+from tests.support import street
 
-SENSOR = RangeImage(height=16, width=64, fov_up=16, fov_down=-16)
+IMAGE = RangeImage(height=16, width=64, fov_up=16, fov_down=-16)
 
 
-def tiny_model(name: str = "rt", channels: int = 4, sensor: RangeImage = SENSOR) -> ModelConfig:
+def tiny_model(name: str = "rt", channels: int = 4, range_image: RangeImage = IMAGE) -> ModelConfig:
     """A network that trains in no time."""
     changes = {"widths": (4, 8, 8)} if name == "rt" else {}
-    return named_config(name, channels, sensor=sensor, **changes)
+    return named_config(name, channels, range_image=range_image, **changes)
 
 
 @dataclass(frozen=True)
@@ -50,23 +51,22 @@ class Patches:
         return Sample(image, labels, xyz, pixel, labels.reshape(-1)[pixel])
 
 
-def write_recording(folder: Path, frames: int = 12, points: int = 300, moving: int = 120, seed: int = 0) -> None:
-    """A sequence in the layout of SemanticKITTI: random points, the first `moving` of each scan move."""
-    rng = np.random.default_rng(seed)
+def write_recording(folder: Path, frames: int = 12, car: bool = True, seed: int = 0) -> None:
+    """A sequence in the layout of SemanticKITTI: a street as IMAGE sees it, and a car that drives ahead of the sensor.
+
+    The last point of each scan is at the origin, as in real files, and the last five have no label.
+    """
+    world, poses = street.boxes(seed), street.drive(frames)
     for name in ("velodyne", "labels"):
         (folder / name).mkdir(parents=True)
-    poses = []
-    for i in range(frames):
-        scan = rng.uniform(-15, 15, (points, 4)).astype(np.float32)
-        scan[:, 2] *= 0.2
-        scan[-1, :3] = 0  # as real files have it
-        labels = np.full(points, 40 | 7 << 16, np.uint32)
-        labels[:moving] = 252
-        labels[-5:] = 0
+    for i, pose in enumerate(poses):
+        front = pose[0, 3] + 6 + 0.3 * i
+        box = np.array([[front, -1.5, 0.3], [front + 4, 0.5, 1.9]])
+        scan = street.scan(pose, np.concatenate([world, box[None]]) if car else world, 16, 360, (15.0, -15.0))
+        places = scan[:, :3] @ pose[:3, :3].T + pose[:3, 3]
+        moving = car & ((places > box[0] - 0.01) & (places < box[1] + 0.01)).all(axis=1)
+        labels = np.where(moving, 252, 40 | 7 << 16).astype(np.uint32)
+        scan[-1, :3] = labels[-5:] = 0
         scan.tofile(folder / "velodyne" / f"{i:06d}.bin")
         labels.tofile(folder / "labels" / f"{i:06d}.label")
-        pose = np.eye(4)
-        pose[0, 3] = i
-        poses.append(" ".join(f"{value:.9f}" for value in pose[:3].reshape(-1)))
-    (folder / "poses.txt").write_text("\n".join(poses) + "\n")
-    (folder / "calib.txt").write_text("Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n")
+    street.write_camera_poses(folder, poses)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from export.int8.scenes import recorded
+from mos_model.data.dataset import SampleConfig
 from mos_model.simulator.write import write_dataset
-from runtime.bundle.residual import Residual
-from runtime.errors import MosWarning, ScanError, SequenceError
+from runtime.errors import MosWarning, SequenceError
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.registry import SENSORS
 
@@ -22,7 +22,7 @@ def street(tmp_path_factory):
 
 
 def test_own_scans_calibrate(street):
-    images = recorded(street, RangeImage(width=256), Residual(), count=2)
+    images = recorded(street, SampleConfig(range_image=RangeImage(width=256)), count=2)
     assert [image.shape for image in images] == [(1, 13, 64, 256)] * 2
     assert all(image[:, :5].any() and image[:, 5:].any() for image in images)
     assert not np.array_equal(*images)
@@ -55,21 +55,21 @@ def tilted(points):
     ],
 )
 def test_calibration_data_that_do_not_fit_are_refused(street, tmp_path, change, message):
-    with pytest.raises(ScanError, match=message):
-        recorded(spoilt(street, tmp_path / "bad", change), RangeImage(), Residual())
+    with pytest.raises(SequenceError, match=message):
+        recorded(spoilt(street, tmp_path / "bad", change), SampleConfig())
 
 
 def test_other_rows_are_warned_of(street, tmp_path):
     with pytest.warns(MosWarning, match="rows"):
-        recorded(street, RangeImage(height=128, width=256), Residual(), count=1)
+        recorded(street, SampleConfig(range_image=RangeImage(height=128, width=256)), count=1)
 
 
 def test_no_or_too_few_scans_are_an_error(street, tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(SequenceError, match="no"):
-        recorded(tmp_path / "empty", RangeImage(), Residual())
+        recorded(tmp_path / "empty", SampleConfig())
     short = spoilt(street, tmp_path / "short", lambda points: points)
     for scan in sorted((short / "velodyne").iterdir())[8:]:
         scan.unlink()
     with pytest.raises(SequenceError, match="at least 9"):
-        recorded(short, RangeImage(), Residual())
+        recorded(short, SampleConfig())

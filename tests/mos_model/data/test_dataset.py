@@ -19,9 +19,9 @@ from runtime.compute.workers import Workers
 from runtime.errors import SettingError
 from runtime.image.inputs import InputBuilder
 from runtime.sensors.registry import SENSORS
-from tests.support.training import SENSOR, Patches
+from tests.support.training import IMAGE, Patches
 
-CONFIG = SampleConfig(SENSOR)
+CONFIG = SampleConfig(range_image=IMAGE)
 
 
 def history(count: int = 9, points: int = 4000) -> list[Frame]:
@@ -43,7 +43,7 @@ def history(count: int = 9, points: int = 4000) -> list[Frame]:
 def test_image_is_the_runtimes_and_labels_are_those_of_the_nearest_points():
     frames = history()
     (sample,) = make_samples(frames, replace(CONFIG, points=True), np.random.default_rng(0))
-    builder = InputBuilder(SENSOR, CONFIG.residual, Workers(1))
+    builder = InputBuilder(IMAGE, CONFIG.residual, Workers(1))
     _, built = builder.image_of([(frame.points, frame.pose) for frame in frames])
     assert np.array_equal(sample.image, built.image)
     assert np.array_equal(sample.pixel, built.pixel)
@@ -52,7 +52,7 @@ def test_image_is_the_runtimes_and_labels_are_those_of_the_nearest_points():
     for i, (pixel, distance) in enumerate(zip(built.pixel.tolist(), built.range.tolist(), strict=True)):
         if pixel not in nearest or distance < nearest[pixel][0]:
             nearest[pixel] = distance, frames[-1].classes[i]
-    expected = np.zeros(SENSOR.height * SENSOR.width, np.uint8)
+    expected = np.zeros(IMAGE.height * IMAGE.width, np.uint8)
     expected[list(nearest)] = [label for _, label in nearest.values()]
     assert np.array_equal(sample.labels.reshape(-1), expected)
     assert set(expected) == {0, 1, 2}
@@ -120,16 +120,16 @@ def test_points_without_direction_are_left_out():
     points[1, :3] = 0
     points[2, 0] = np.nan
     points[3, 1] = np.inf
-    frame = make_frame(points, np.eye(4), np.arange(5, dtype=np.uint8), SENSOR)
+    frame = make_frame(points, np.eye(4), np.arange(5, dtype=np.uint8), CONFIG)
     assert np.array_equal(frame.classes, [0, 4])
     assert frame.points.shape == (2, 4)
 
 
-STREETS = SimulatedStreets(CONFIG, seed=3, profile="vlp16", frames=2, every=3)
+STREETS = SimulatedStreets(replace(CONFIG, sensor="vlp16"), seed=3, frames=2, every=3)
 
 
 def test_a_street_is_a_function_of_its_number():
-    streets = replace(STREETS, samples=replace(CONFIG, augmentation=SIM2REAL, crop=32), crops=2)
+    streets = replace(STREETS, samples=replace(STREETS.samples, augmentation=SIM2REAL, crop=32), crops=2)
     first, again, other = streets.group(5), streets.group(5), streets.group(6)
     assert len(first) == streets.group_size == 4
     for a, b, c in zip(first, again, other, strict=True):
@@ -174,7 +174,7 @@ def test_a_new_sensor_can_be_trained_on(contributed, monkeypatch):
     """One entry, as CONTRIBUTING says: its streets fill the rows that have beams."""
     new = contributed("runtime/sensors/acme.py").A20
     monkeypatch.setitem(SENSORS, new.name, new)
-    streets = SimulatedStreets(SampleConfig(new.range_image), profile=new.name, frames=1)
+    streets = SimulatedStreets(SampleConfig(new.name, new.range_image), frames=1)
     (sample,) = streets.group(0)
     assert sample.image.shape == (13, 32, 1024)
     assert (sample.labels > 0).any(axis=1).tolist() == [True] * 20 + [False] * 12

@@ -39,13 +39,13 @@ def test_head_must_fit_the_network() -> None:
 
 def test_differences_name_the_fields() -> None:
     a = named_config("v1")
-    b = named_config("v1", channels=16, sensor=RangeImage(width=1024), point_head=LITE)
+    b = named_config("v1", channels=16, range_image=RangeImage(width=1024), point_head=LITE)
     assert differences(a, a) == []
     lines = differences(a, b)
-    assert lines[:2] == ["channels: 32 against 16", "sensor.width: 2048 against 1024"]
+    assert lines[:2] == ["channels: 32 against 16", "range_image.width: 2048 against 1024"]
     assert lines[2].startswith("point_head: None against {")
     assert len(lines) == 3
-    assert differences(a, b, ignored=("sensor", "point_head")) == ["channels: 32 against 16"]
+    assert differences(a, b, ignored=("range_image", "point_head")) == ["channels: 32 against 16"]
 
 
 def test_differences_of_two_kinds() -> None:

@@ -17,9 +17,11 @@ from mos_model.training.trainer import Trainer
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.errors import CheckpointError, SettingError
 from runtime.evaluation.confusion import Confusion
+from runtime.sensors.range_image import RangeImage
+from runtime.sensors.registry import SENSORS
 from tests.support.make_tiny import random_network, tiny_config
 from tests.support.paths import ROOT, TINY
-from tests.support.training import SENSOR, Patches
+from tests.support.training import IMAGE, Patches
 
 HEADS = [
     PointHeadConfig(in_channels=4, down=(4, 6, 8, 10), up=(10, 8, 6, 6)),
@@ -30,6 +32,7 @@ HEADS = [
 def flat(config: ModelConfig) -> dict:
     """The configuration as format 1 had it."""
     values = {"pooling": "average", "meta_kernel": False, "widths": [], **config.to_dict()}
+    values["sensor"] = values.pop("range_image")
     return {**values, "network": values.pop("kind"), "rt_widths": values.pop("widths")}
 
 
@@ -84,7 +87,7 @@ def test_committed_checkpoints() -> None:
 
 @pytest.mark.parametrize("stage", [1, 2])
 def test_an_interrupted_run_goes_on(stage: int, tmp_path: Path) -> None:
-    config = named_config("lmnet", 4, sensor=SENSOR, point_head=HEADS[1] if stage == 2 else None)
+    config = named_config("lmnet", 4, range_image=IMAGE, point_head=HEADS[1] if stage == 2 else None)
     trainers = []
     for _ in range(2):
         torch.manual_seed(len(trainers))  # the second begins with other weights
@@ -137,6 +140,14 @@ def test_flat_configurations() -> None:
     assert read_config(flat(named_config("rt")) | {"pooling": "soft"}) == named_config("rt")  # had no meaning
 
 
+def test_the_sensor_is_that_whose_range_image_it_was() -> None:
+    """Whatever its rows and columns; one of no known sensor was simulated as an HDL-64E."""
+    vlp16 = SENSORS["vlp16"].range_image
+    for image, name in ((vlp16, "vlp16"), (replace(vlp16, width=64), "vlp16"), (RangeImage(fov_up=90), "hdl64e")):
+        config = named_config("rt", sensor=name, range_image=image)
+        assert read_config(flat(config)) == config
+
+
 @pytest.mark.parametrize(
     ("name", "changes", "expected"),
     [
@@ -144,6 +155,7 @@ def test_flat_configurations() -> None:
         ("v1", {"network": "lmnet", "meta_kernel": False}, named_config("lmnet", name="v1", pooling="soft")),
         ("v1", {"pooling": "average"}, named_config("d", name="v1")),
         ("lmnet", {"meta_kernel": False}, named_config("lmnet")),
+        ("rt", {"sensor": {"width": 64}}, named_config("rt", range_image=RangeImage(width=64))),
     ],
 )
 def test_names_of_then_may_be_set(name: str, changes: dict, expected: ModelConfig) -> None:

@@ -29,7 +29,7 @@ from runtime.runner import MosRunner
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.registry import SENSORS
 from tests.support.paths import ROOT
-from tests.support.training import SENSOR, Patches
+from tests.support.training import IMAGE, Patches
 
 
 def test_names_of_mos_train() -> None:
@@ -51,7 +51,8 @@ def test_round_trip_of_everything_changed() -> None:
         "rt",
         channels=24,
         name="small",
-        sensor=RangeImage(32, 1024, 10.0, -30.0),
+        sensor="vlp16",
+        range_image=RangeImage(32, 1024, 10.0, -30.0),
         residual=Residual((1, 4), kind="signed"),
         point_head=LITE,
         widths=(16, 32, 64),
@@ -88,7 +89,7 @@ def test_unknown_names_and_settings() -> None:
         named_config("rt", pooling="soft", meta_kernel=True)
 
 
-@pytest.mark.parametrize("part", [None, "sensor", "residual", "point_head"])
+@pytest.mark.parametrize("part", [None, "range_image", "residual", "point_head"])
 def test_unknown_keys_are_named(part: str | None) -> None:
     values = named_config("v2").to_dict()
     (values if part is None else values[part])["colour"] = 1
@@ -97,7 +98,18 @@ def test_unknown_keys_are_named(part: str | None) -> None:
 
 
 @pytest.mark.parametrize(
-    "values", [[], None, {"channels": "32"}, {"sensor": 3}, {"sensor": {"std": 5}}, {"kind": "unet"}, {"kind": [1]}]
+    "values",
+    [
+        [],
+        None,
+        {"channels": "32"},
+        {"sensor": 3},
+        {"sensor": "hdl65"},
+        {"sensor": {"std": 5}},
+        {"range_image": {"std": 5}},
+        {"kind": "unet"},
+        {"kind": [1]},
+    ],
 )
 def test_wrong_types_raise_setting_errors(values: object) -> None:
     with pytest.raises(SettingError):
@@ -114,7 +126,7 @@ def test_a_new_network_is_one_file(
     """As CONTRIBUTING says: it trains, is exported and runs."""
     new = contributed("mos_model/networks/pixel.py").PixelConfig
     monkeypatch.setitem(registry.NETWORKS, new.kind, new)
-    config = named_config("pixel-wide", channels=4, sensor=SENSOR)
+    config = named_config("pixel-wide", channels=4, range_image=IMAGE)
     assert config.to_dict()["size"] == 5
     assert {"pixel", "pixel-wide"} < set(names())
     task = ImageTask(config, torch.tensor([0.0, 1.0, 3.0]), torch.device("cpu"))

@@ -1,9 +1,11 @@
 """Recipes: the published numbers, and nothing accepted that does not exist."""
 
+import json
+
 import pytest
 
 from mos_model.data.augment import PAPER, SIM2REAL
-from mos_model.training.recipe import TrainConfig, recipe
+from mos_model.training.recipe import recipe
 from runtime.errors import SettingError
 
 
@@ -39,12 +41,25 @@ def test_plain_values_and_back():
     config = recipe("sim2real", **{"augmentation.yaw": 90, "steps": 7, "augmentation.shift": [1, 2]})
     assert config.augmentation.yaw == 90
     assert config.augmentation.tilt == SIM2REAL.tilt
-    assert TrainConfig.from_dict(config.to_dict()) == config
+    assert recipe("paper", **config.to_dict()) == config
+    assert json.loads(json.dumps(config.to_dict())) == config.to_dict()
 
 
 @pytest.mark.parametrize(
     "changes",
-    [{"step": 5}, {"augmentation.spin": 1}, {"optimizer": "lion"}, {"batch": 0}, {"stage": 3}, {"ema": 1.0}],
+    [
+        {"step": 5},
+        {"augmentation.spin": 1},
+        {"optimizer": "lion"},
+        {"batch": 0},
+        {"stage": 3},
+        {"ema": 1.0},
+        {"steps": "many"},
+        {"steps": 7.5},
+        {"augmentation.yaw": None},
+        {"augmentation.shift": [1]},
+        {"augmentation.flip": 3},
+    ],
 )
 def test_what_does_not_exist_is_refused(changes):
     with pytest.raises(SettingError):
