@@ -36,7 +36,6 @@ PLACES = {
             r"!= ?0\)\.any\((axis=)?-?1\)",
         ),
         {
-            "runtime/doctor/": "what share of them does not, and why",
             "runtime/pictures/": "what can be drawn",
             "bench/peers.py": "what another tool takes",
             "export/graph/rewrite.py": "which channels of a kernel are not all zero",
@@ -49,6 +48,7 @@ PLACES = {
             "runtime/bundle/manifest.py": "of a manifest that does not say: the same number",
             "runtime/image/inputs.py": "of a builder that is told nothing: the same number",
             "runtime/doctor/": "what to say of ranges",
+            "bench/corruption.py": "scans that are wrong on purpose",
         },
     ),
     "what stands in for missing remission": Place(
@@ -67,6 +67,7 @@ PLACES = {
             "runtime/recordings/": "what the poses of a file are poses of",
             "runtime/doctor/": "what they would be if they were meant otherwise",
             "mos_model/simulator/write.py": "poses of KITTI's camera",
+            "bench/corruption.py": "poses that are wrong on purpose",
         },
     ),
     "how a scan is read": Place(
@@ -85,6 +86,7 @@ PLACES = {
         (rf"[\"']({'|'.join(SENSORS)})[\"']", r"\bsimulate\(\w+, [^,)]+\)"),
         {
             "bench/scans.py": "scans to measure times on, of the default sensor",
+            "bench/watching.py": "streets of several sensors, of which nothing is to be said",
         },
     ),
     "how a dataclass is read from JSON": Place(
