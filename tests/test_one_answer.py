@@ -34,8 +34,10 @@ PLACES = {
             r"\.any\((axis=)?-?1\)",  # not at the origin
             r"== ?0\)\.all\((axis=)?-?1\)",
             r"!= ?0\)\.any\((axis=)?-?1\)",
+            r"isfinite\(\w+\) ?[&,] ?(\(?\w+ )[=>]=? ?0\b",  # ranges
         ),
         {
+            "runtime/doctor/": "what share of them does not, and why; which things of two scans are compared",
             "runtime/pictures/": "what can be drawn",
             "bench/peers.py": "what another tool takes",
             "export/graph/rewrite.py": "which channels of a kernel are not all zero",
@@ -43,12 +45,11 @@ PLACES = {
     ),
     "how far returns reach": Place(
         "runtime/sensors/",
-        (r"\b300(\.0)?\b", r"UNKNOWN_REACH"),
+        (r"[=<>] ?300\.0\b", r"UNKNOWN_REACH"),
         {
             "runtime/bundle/manifest.py": "of a manifest that does not say: the same number",
             "runtime/image/inputs.py": "of a builder that is told nothing: the same number",
             "runtime/doctor/": "what to say of ranges",
-            "bench/corruption.py": "scans that are wrong on purpose",
         },
     ),
     "what stands in for missing remission": Place(

@@ -146,7 +146,7 @@ def test_a_data_set_without_movers_is_refused(name, root, tmp_path):
 
 def test_what_the_doctor_calls_bad_is_refused(root, tmp_path):
     (root / "sequences" / "00" / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 10)
-    with pytest.raises(SequenceError, match=r"sequences/00: alignment: .*do not belong together"):
+    with pytest.raises(SequenceError, match="sequences/00: alignment: "):
         run(*base(root, tmp_path / "run"))
     assert not (tmp_path / "run").exists()
 
