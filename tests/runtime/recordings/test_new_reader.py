@@ -12,6 +12,7 @@ from tests.support.paths import BUNDLE
 
 @pytest.fixture
 def drive(tmp_path, contributed, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
     archive = contributed("runtime/recordings/archive.py")
     monkeypatch.setattr(registry, "READERS", (*registry.READERS, archive))
     poses, world = street.drive(12), street.boxes()
