@@ -11,9 +11,10 @@ from runtime.sensors.sensor import Sensor
 USUAL = Sensor.mount_height  # m over the ground: of the sensors that networks are trained with
 LOWER, HIGHER = 0.3, 1.3  # m below and above it that cost few points of IoU (README, Limits)
 TOP = 4.5  # m over the ground where no car carries a sensor; in feet, the roof of any car is there
-LEVEL, TILTED = 2.5, 4.5  # degrees that cost few points, and those that no car or street has for long
+LEVEL, TILTED = 2.5, 6.0  # degrees that cost few points, and more than cars have (up to 4), or streets for long
 OVER = 120.0  # degrees from which on it is upside down, and below that, down to 180 - OVER, on its side
 CLEARLY, VASTLY = 0.2, 0.3  # share of the near points on a plane from which on a slant, or one above, is believed
+LOW = 1.0  # m, height over a slant that may be a table or a ramp
 ROOF = 1.2  # m, at least, of a ground above the sensor; the ceiling of a room is nearer, or its floor is in sight too
 STEEPLY = 0.1  # share of the points steeply above and below a sensor on its side; of one that is not, beside a wall, 0
 
@@ -48,7 +49,7 @@ def _judge(grounds: Sequence[Ground]) -> Finding:
     text += f"leans {abs(roll):.1f} degrees to the {'right' if roll > 0 else 'left'}"
     if height > TOP:
         return Finding("bad", "ground", f"{text}: are these metres? The network was trained at {USUAL} m")
-    if tilt > TILTED and clear:
+    if tilt > TILTED and clear and height > LOW:
         return Finding("bad", "ground", f"{text}: turn points and poses level, x forward, y left, z up")
     if tilt > LEVEL:
         return Finding("warn", "ground", f"{text}: the network was trained with a level sensor")

@@ -13,7 +13,7 @@ CROWDED = 0.05  # share of the points outside the rows, at most
 SECTORS = 719  # of half a degree, in each of which a beam leaves points of nearly one elevation; odd, so that their
 # edges do not fall on the columns of a sensor
 BEAM_GAP = 0.1  # degrees between neighbouring beams, at least
-OTHER = "use a bundle made for your sensor"
+OTHER = "use a bundle made for your sensor, if these are points in its own frame"
 BEAMS = (16, 32, 40, 64, 80, 128)  # that sensors have
 
 

@@ -12,6 +12,7 @@ from runtime.compute.jit import fast_kernel
 POINTS = 512  # of the nearer half of a scan that are looked at
 PLANES = 256  # through three of them each; a ground with a sixth of the points is hit once at least, nearly always
 THICKNESS = 0.01  # of the median range: distance within which a point lies on a plane, whatever the unit of length
+STEEP = 0.1  # height over the mean range of its points, at least; of the rings of nearly level beams it is less
 FLAT = 0.4  # height over the median range, at most, unless below: a ground is seen at a flat angle, a ceiling is not
 LEAST = 0.1  # share of the near points on a ground; streets have 0.3 and more, between high houses 0.15
 BELOW = 0.94  # cosine of the tilt, 20 degrees, up to which a plane lies below
@@ -34,13 +35,14 @@ def find_ground(points: npt.NDArray[np.float32], ranges: npt.NDArray[np.float32]
 
     points: (N, 3) f32 usable points of a scan, a thousand are plenty; ranges: (N,), and middle: their median.
     """
-    near = points[ranges <= middle]
+    near = np.flatnonzero(ranges <= middle)
     if len(near) == 0:
         return None
-    chosen = np.ascontiguousarray(near[np.linspace(0, len(near) - 1, POINTS).astype(np.intp)].T)
+    numbers = near[np.linspace(0, len(near) - 1, POINTS).astype(np.intp)]
+    chosen = np.ascontiguousarray(points[numbers].T)
     planes = np.empty((PLANES, 5), np.float32)
     thick = np.float32(THICKNESS * middle)
-    _measure(chosen, _triples(), thick, planes)
+    _measure(chosen, ranges[numbers], _triples(), thick, planes)
     elsewhere = np.where(planes[:, 3] <= FLAT * middle, 1, 0)
     best = planes[np.argmax(planes[:, 4] * np.where(planes[:, 2] > BELOW, PREFERRED, elsewhere))]
     if best[4] < LEAST:
@@ -68,7 +70,7 @@ def _refine(
 
 
 @fast_kernel
-def _measure(points, triples, thick, planes):  # type: ignore[no-untyped-def]
+def _measure(points, ranges, triples, thick, planes):  # type: ignore[no-untyped-def]
     """Planes (P, 5) f32 through triples of the points (3, N) f32: unit normal towards the origin, distance from it,
     and share of the points within `thick` less twice that of the points well behind."""
     xs, ys, zs = points[0], points[1], points[2]
@@ -87,10 +89,12 @@ def _measure(points, triples, thick, planes):  # type: ignore[no-untyped-def]
         length = -length if nx * xs[a] + ny * ys[a] + nz * zs[a] > none else length
         nx, ny, nz = nx / length, ny / length, nz / length
         distance = -(nx * xs[a] + ny * ys[a] + nz * zs[a])
-        on, behind = none, none
+        on, behind, far = none, none, none
         for i in range(count):
             height = nx * xs[i] + ny * ys[i] + nz * zs[i] + distance
             on += one if abs(height) < thick else none
+            far += ranges[i] if abs(height) < thick else none
             behind += one if height < np.float32(-3) * thick else none
         planes[p, 0], planes[p, 1], planes[p, 2], planes[p, 3] = nx, ny, nz, distance
-        planes[p, 4] = (on - np.float32(2) * behind) / np.float32(count)
+        steep = distance * on >= np.float32(STEEP) * far
+        planes[p, 4] = (on - np.float32(2) * behind) / np.float32(count) if steep else none
