@@ -149,7 +149,7 @@ WRONG: dict[str, Change] = {
     "poses in centimetres": scaled(poses=100),
     "inverted poses": posed(np.linalg.inv),
     "poses of a camera": posed(lambda poses: CAMERA @ poses @ np.linalg.inv(CAMERA)),
-    "poses turned by 5 degrees on the sensor": posed(lambda poses: poses @ turned(2, 5)),
+    "poses turned by 10 degrees on the sensor": posed(lambda poses: poses @ turned(2, 10)),
     "poses turned by 90 degrees on the sensor": posed(lambda poses: poses @ turned(2, 90)),
     "transposed rotations": posed(transposed),
     "no rotations": posed(without_rotation),

@@ -1,5 +1,6 @@
 """`mos run`: the main job."""
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -38,7 +39,7 @@ from runtime.commands.runner_options import (
     provider,
     runner_settings,
 )
-from runtime.errors import some
+from runtime.errors import MosWarning, some
 
 if TYPE_CHECKING:
     from runtime.predict import Summary
@@ -124,8 +125,11 @@ def run(
                 f"--refine and --head-engine are for the point head, not for --postprocess {runner.postprocess}"
             )
         for recording in recordings:
-            _warn_of_misfits(recording, runner.bundle.manifest.sensor.range_image, skip_broken)
-            show_summary(recording.name, predict_with_progress(recording, runner, out, overwrite, skip_broken))
+            told = _warn_of_misfits(recording, runner.bundle.manifest.sensor.range_image, skip_broken)
+            with warnings.catch_warnings():
+                for topic in told:
+                    warnings.filterwarnings("ignore", f"{topic}: ", MosWarning)  # the runner's own word on it
+                show_summary(recording.name, predict_with_progress(recording, runner, out, overwrite, skip_broken))
     except (KeyboardInterrupt, SystemError) as error:
         if not is_interrupt(error):
             raise
@@ -133,16 +137,18 @@ def run(
         raise typer.Exit(130) from None
 
 
-def _warn_of_misfits(recording: "Indexed", sensor: "RangeImage", skip_broken: bool) -> None:
-    """Say on stderr what makes the labels of a recording worthless, such as poses in another frame.
+def _warn_of_misfits(recording: "Indexed", sensor: "RangeImage", skip_broken: bool) -> set[str]:
+    """Say on stderr what makes the labels of a recording worthless, such as poses in another frame; its topics.
 
     skip_broken: not what is broken, which is said at the end.
     """
     from runtime.doctor.diagnose import diagnose
 
-    for finding in diagnose(recording, sensor):
-        if finding.level == "bad" and not (skip_broken and finding.topic in ("scans", "poses")):
-            say(f"{recording.source}: {finding.topic}: {finding.text}. The labels will be wrong")
+    bad = [finding for finding in diagnose(recording, sensor) if finding.level == "bad"]
+    told = [finding for finding in bad if not (skip_broken and finding.topic in ("scans", "poses"))]
+    for finding in told:
+        say(f"{recording.source}: {finding.topic}: {finding.text}. The labels will be wrong")
+    return {finding.topic for finding in told}
 
 
 def predict_with_progress(

@@ -21,9 +21,7 @@ LEVER = 15.0  # m at which a turn by one stride is one long
 FAR_POINT = 10.0  # m, distance of the point by whose motion two motions are compared
 
 BETTER = 0.6  # share of the misfit that a better motion leaves, if it is believed
-OFF = (
-    0.2  # m between the two that may cost labels: poses turned by 5 degrees, 0.25 m over 8 scans, cost 18 points of IoU
-)
+OFF = {1: 0.2, 3: 0.25, 8: 0.3}  # m between the two, by lag: wrong poses are off by more each scan, poor ones hardly
 WITNESSES = 2  # pairs of scans of one lag, at least, and more than half of them
 
 
@@ -41,7 +39,7 @@ class Fit:
     @property
     def wrong(self) -> bool:
         """Another motion fits far better."""
-        return self.best < BETTER * self.given and self.off > OFF
+        return self.best < BETTER * self.given and self.off > OFF[self.lag]
 
 
 def fit(view: View, landmarks: Points, motion: Motion, lag: int, suspect: float = SUSPECT) -> Fit:
@@ -77,9 +75,9 @@ def check_fits(fits: Sequence[Fit]) -> Finding | None:
                 median(getattr(fit, name) for fit in wrong) for name in ("given", "best", "moves", "should")
             )
             text = (
-                f"static surroundings {scans(lag)} later lie {metres(given)} off, and {metres(best)} if the sensor "
-                f"moved by {should:.2f} m, not by {moves:.2f} m as by its poses, or elsewhere: standing things seem to "
-                "move. Are the poses T_world_lidar in m, not a camera's, inverted, or relative?"
+                f"static surroundings {scans(lag)} later lie {metres(given)} off under these poses, which move the "
+                f"sensor by {moves:.2f} m, and {metres(best)} under the motion that fits best, {should:.2f} m. Poses "
+                "must be T_world_lidar in m: not of a camera, not inverted, not relative"
             )
             return Finding("bad", "alignment", text)
     return None

@@ -6,7 +6,7 @@ from statistics import median
 
 import numpy as np
 
-from runtime.doctor.alignment import Fit, check_fits, difference, fit, metres, scans
+from runtime.doctor.alignment import SUSPECT, Fit, check_fits, difference, fit, metres, scans
 from runtime.doctor.findings import Finding
 from runtime.doctor.pairs import Pair, read_pairs
 from runtime.errors import some
@@ -21,7 +21,7 @@ READINGS = {  # what to do where the poses of a recording fit better if they are
 }
 SHIFT = 3  # scans by which poses are tried earlier and later
 FITS = 0.3  # m, misfit of poses that are good, and of many that are not
-STANDS = 0.3  # m, motion of a point 10 m away that is none
+STANDS, MOVES = 0.3, 1.0  # m, motion of a point 10 m away that is none, and that shows poses out of step
 BETTER = 0.93  # poses out of step must lower the misfit to this share, and by this much in m, to be believed
 CLEARER = 0.005
 MUCH_BETTER = 0.7  # share for another meaning of all the poses
@@ -45,13 +45,15 @@ def check_alignment(recording: Indexed, poses: Poses, geometry: RangeImage) -> F
     given = _misfit(chosen, poses)
     apart = f"static surroundings {scans(lag)} later lie {metres(given)} off"
     for meaning, others in recording.other_poses().items():
-        if (other := _misfit(chosen, others)) < MUCH_BETTER * given:
+        if given > SUSPECT and (other := _misfit(chosen, others)) < MUCH_BETTER * given:
             return Finding("bad", "alignment", f"{apart}, but only {metres(other)} if {READINGS[meaning]}")
     if bad := check_fits(fits):
         return _check_step(chosen, poses, apart, MUCH_BETTER) or bad
-    if max(difference(pair.motion(poses), np.eye(4)) for pair in chosen) < STANDS:
+    moved = [difference(pair.motion(poses), np.eye(4)) for pair in chosen]
+    if max(moved) < STANDS:
         return Finding("ok", "alignment", f"{apart}; nothing moves, so that a wrong frame or step would not show")
-    return _check_step(chosen, poses, apart, BETTER) or _check_outliers(clear, apart)
+    step = _check_step(chosen, poses, apart, BETTER) if median(moved) > MOVES else None
+    return step or _check_outliers(clear, apart)
 
 
 def _check_step(pairs: Sequence[Pair], poses: Poses, apart: str, better: float) -> Finding | None:

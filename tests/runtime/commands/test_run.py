@@ -50,6 +50,15 @@ def test_run_says_so_where_the_labels_will_be_wrong(folder, tmp_path, capsys):
     assert re.search(r"mos: .*07: alignment: .*The labels will be wrong", said), said
 
 
+def test_what_the_doctor_has_said_the_runner_does_not_repeat(tmp_path, capsys):
+    folder = street.write_kitti(tmp_path / "sequences" / "08", 14, columns=240)
+    arguments = ["--bundle", str(BUNDLE), "--pose-frame", "lidar", "--postprocess", "none", "--out", str(tmp_path)]
+    assert main(["run", str(folder), *arguments]) == 0
+    told = [line for line in capsys.readouterr().err.splitlines() if "alignment" in line]
+    assert len(told) == 1
+    assert told[0].endswith("The labels will be wrong")
+
+
 def test_run_of_the_first_scans_with_lidar_poses(folder, tmp_path, capsys):
     arguments = ["--bundle", str(BUNDLE), "--limit", "2", "--pose-frame", "lidar", "--postprocess", "knn"]
     assert main(["run", str(folder), "--out", str(tmp_path), *arguments]) == 0

@@ -27,7 +27,7 @@ LISTED = (
 )
 # what a short drive through flat boxes cannot show: turns are small, and it goes on as it began
 UNSEEN = (
-    "poses turned by 5 degrees on the sensor",
+    "poses turned by 10 degrees on the sensor",
     "poses frozen after 5",
     "transposed rotations",
     "no rotations",
