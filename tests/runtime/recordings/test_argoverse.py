@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from runtime.doctor.check_poses import check_alignment
+from runtime.doctor.check_alignment import check_alignment
 from runtime.errors import PoseError, SequenceError
 from runtime.recordings.argoverse import MOUNTS, POSES, SWEEPS, USUAL_PLACE
 from runtime.recordings.recording import Options
 from runtime.recordings.registry import find_recordings, open_recording
 from runtime.recordings.scans import moved
+from runtime.sensors.range_image import RangeImage
 from tests.support import street
+
+GEOMETRY = RangeImage(height=32, width=512)
 
 feather = pytest.importorskip("pyarrow.feather")
 pyarrow = pytest.importorskip("pyarrow")
@@ -66,7 +69,7 @@ def test_a_drive(drive, mount, caplog):
     np.testing.assert_allclose(scan.points, street.scan(poses[2], street.boxes())[:, :3], atol=1e-5)
     np.testing.assert_allclose(np.unique(scan.remission), [51 / 255, 102 / 255], atol=1e-6)
     assert scan.time == pytest.approx((START + 200_000_000) / 1e9, abs=1e-6)
-    assert [finding.level for finding in check_alignment(recording, recording.poses)] == ["ok"]
+    assert check_alignment(recording, recording.poses, GEOMETRY).level == "ok"
     assert len(open_recording(drive, Options(limit=2))) == 2
     assert open_recording(drive, Options(points_only=True)).poses is None
 
@@ -78,7 +81,7 @@ def test_the_calibration_of_the_drive(drive, mount):
     recording = open_recording(drive)
     vehicle = street.drive(1)[0] @ np.linalg.inv(mount)
     np.testing.assert_allclose(recording.poses[0], vehicle @ other, atol=1e-9)
-    assert [finding.level for finding in check_alignment(recording, recording.poses)] == ["ok"]
+    assert check_alignment(recording, recording.poses, GEOMETRY).level == "ok"
 
 
 def test_poses_that_end_early(drive):
