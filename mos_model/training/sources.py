@@ -65,8 +65,10 @@ def recorded_data(model: ModelConfig, config: TrainConfig, data: Data) -> tuple[
     """Training and validation frames of a data set on disk, all of it checked."""
     assert data.root is not None
     samples = sample_config(model, config)
-    recordings = open_labelled(data.root, data.train + data.validation, model.range_image, Options(frame=data.frame))
-    train, held_out = recordings[: len(data.train)], recordings[len(data.train) :]
+    names = tuple(dict.fromkeys(data.train + data.validation))
+    opened = open_labelled(data.root, names, model.range_image, Options(frame=data.frame))
+    found = dict(zip(names, opened, strict=True))
+    train, held_out = ([found[name] for name in wanted] for wanted in (data.train, data.validation))
     demand_movers(train, "training sequences")
     frames = training_frames(samples, train, config.seed, config.crops)
     if not held_out:

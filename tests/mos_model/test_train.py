@@ -144,6 +144,12 @@ def test_a_data_set_without_movers_is_refused(name, root, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+def test_what_is_trained_and_validated_on_is_looked_at_once(root, tmp_path):
+    (root / "sequences" / "00" / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 10)
+    with pytest.raises(SequenceError, match="1 problem"):
+        run(*base(root, tmp_path / "run"), "--validate-on", "00")
+
+
 def test_what_the_doctor_calls_bad_is_refused(root, tmp_path):
     (root / "sequences" / "00" / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 10)
     with pytest.raises(SequenceError, match="sequences/00: alignment: "):
