@@ -43,7 +43,7 @@ class RosRecording(Indexed):
         """Reads through the bag once, for the stamps. Raises SequenceError, PoseError."""
         path = bag.path
         self.name, self.source = path.stem if path.is_file() else path.name, str(path)
-        self._bag, self._topic = bag, choose_topic(bag, CLOUD, options.topic, "topic")
+        self._bag, self._topic = bag, choose_topic(bag, CLOUD, options.topic)
         self._stamps = Stamps.of(bag, self._topic, options.limit)
         self.keys = tuple(f"{index:06d}" for index in range(len(self._stamps.counts)))
         self.times = None if options.points_only else self._stamps.times

@@ -30,16 +30,16 @@ PACKETS = {  # messages of drivers: whose they are, and what decodes them, by ho
 }
 
 
-def choose_topic(bag: Bag, kind: str, given: str | None, option: str) -> str:
+def choose_topic(bag: Bag, kind: str, given: str | None) -> str:
     """The topic that is given, or the only one of this type. Raises SequenceError, listing what there is."""
     topics = bag.topics()
     fit = [topic for topic, (found, count) in topics.items() if found == kind and count]
     if given is not None:
         if given not in fit:
-            raise SequenceError(f"{bag.path}: has no {kind} on {given} (`{option}`); {_listed(bag, fit)}")
+            raise SequenceError(f"{bag.path}: has no {kind} on {given} (`topic`); {_listed(bag, fit)}")
         return given
     if len(fit) > 1:
-        raise SequenceError(f"{bag.path}: has several topics of {kind}; name one (`{option}`); {_listed(bag, fit)}")
+        raise SequenceError(f"{bag.path}: has several topics of {kind}; name one (`topic`); {_listed(bag, fit)}")
     if fit:
         return fit[0]
     for topic, (found, count) in topics.items():
