@@ -45,7 +45,7 @@ def check_alignment(recording: Indexed, poses: Poses, geometry: RangeImage) -> F
     given = _misfit(chosen, poses)
     apart = f"static surroundings {scans(lag)} later lie {metres(given)} off"
     for meaning, others in recording.other_poses().items():
-        if given > SUSPECT and (other := _misfit(chosen, others)) < MUCH_BETTER * given:
+        if given > SUSPECT[lag] and (other := _misfit(chosen, others)) < MUCH_BETTER * given:
             return Finding("bad", "alignment", f"{apart}, but only {metres(other)} if {READINGS[meaning]}")
     if bad := check_fits(fits):
         return _check_step(chosen, poses, apart, MUCH_BETTER) or bad

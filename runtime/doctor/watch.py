@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.doctor.alignment import LAGS, WITNESSES, Fit, check_fits, fit, suspicion
+from runtime.doctor.alignment import LAGS, WITNESSES, Fit, check_fits, fit
 from runtime.doctor.check_scans import check_scans
 from runtime.doctor.check_sensor import check_view
 from runtime.doctor.findings import Finding
@@ -90,7 +90,7 @@ class Watch:
 
     def _fits(self, before: tuple[Fit, ...], image: ImageInput, past: Past, lag: int) -> tuple[Fit, ...]:
         view = View(image.range_image, self._geometry)
-        new = fit(view, upright_points(past.points), past.relative, lag, suspicion(before, lag))
+        new = fit(view, upright_points(past.points), past.relative, lag, before)
         return (*before, new)[-WITNESSES * len(LAGS) :]
 
 
