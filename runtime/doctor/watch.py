@@ -1,7 +1,7 @@
 """What `mos doctor` calls bad about a recording, noticed while its scans come in one by one."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,13 +17,14 @@ from runtime.image.history import Past
 from runtime.image.inputs import ImageInput
 from runtime.sensors.range_image import RangeImage
 
-CLOSELY, RARE = 18, 4  # scans of a recording that are each a turn; after them, one in so many is
+CLOSELY, RARE = 24, 8  # scans of a recording that are each a turn; after them, one in so many is
 SAMPLE_EVERY, FIT_EVERY = 6, 3  # turns; they never meet
 SAMPLES = 3  # the last ones, which are judged together
 POINTS = 1024  # of a scan that are looked at
 
 
-class Memory(NamedTuple):
+@dataclass(frozen=True)
+class Memory:
     """What is known of the recording so far."""
 
     scans: int = 0
@@ -32,7 +33,8 @@ class Memory(NamedTuple):
     told: frozenset[str] = frozenset()  # topics that need no second word
 
 
-class Look(NamedTuple):
+@dataclass(frozen=True)
+class Look:
     """What a scan brought. It counts once it is given to `Watch.keep`: a call that fails leaves all as it was."""
 
     warnings: tuple[str, ...]
@@ -66,17 +68,17 @@ class Watch:
         memory = self._memory
         turn, found = _turn(memory.scans), []
         if turn is not None and turn % SAMPLE_EVERY == 0:
-            memory = memory._replace(samples=(*memory.samples, Sample.of(np.asarray(scan), POINTS))[-SAMPLES:])
+            memory = replace(memory, samples=(*memory.samples, Sample.of(np.asarray(scan), POINTS))[-SAMPLES:])
             found = self._judge(memory.samples)
         if turn is not None and turn % FIT_EVERY == FIT_EVERY - 1 and "alignment" not in memory.told:
             lag = LAGS[turn // FIT_EVERY % len(LAGS)]
             if lag <= len(past):
-                memory = memory._replace(fits=self._fits(memory.fits, image, past[lag - 1], lag))
+                memory = replace(memory, fits=self._fits(memory.fits, image, past[lag - 1], lag))
                 found = [check_fits(memory.fits)]
         bad = {one.topic: one.text for one in found if one and one.level == "bad" and one.topic not in memory.told}
         told = memory.told.union(bad)
         return Look(
-            tuple(f"{topic}: {text}" for topic, text in bad.items()), memory._replace(scans=memory.scans + 1, told=told)
+            tuple(f"{topic}: {text}" for topic, text in bad.items()), replace(memory, scans=memory.scans + 1, told=told)
         )
 
     def _judge(self, samples: tuple[Sample, ...]) -> list[Finding | None]:

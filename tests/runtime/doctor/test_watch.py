@@ -28,7 +28,7 @@ LISTED = (
 # what a short drive through flat boxes cannot show: turns are small, and it goes on as it began
 UNSEEN = (
     "poses turned by 10 degrees on the sensor",
-    "poses frozen after 2",
+    "poses frozen after 5",
     "transposed rotations",
     "no rotations",
     "scans in the world's axes",
@@ -148,8 +148,8 @@ ODD = {
 
 
 @pytest.mark.parametrize("odd", ODD)
-@pytest.mark.parametrize("numbers", [(0, 20), (6,)])
+@pytest.mark.parametrize("numbers", [(0, 18), (6,)])
 def test_no_odd_scan_decides(runner, drive, odd, numbers):
-    """Scans 0, 6, 12 and 20 are looked at."""
+    """Scans 0, 6, 12 and 18 are looked at."""
     frames = [(ODD[odd](scan) if i in numbers else scan, pose) for i, (scan, pose) in enumerate(drive)]
     assert said(runner, frames) == []
