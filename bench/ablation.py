@@ -28,6 +28,7 @@ from runtime import MosRunner
 from runtime.bundle.head_shape import SMALL
 from runtime.commands.handler import run_alone
 from runtime.sensors.registry import DEFAULT_SENSOR
+from runtime.settings import CHOICES
 
 ROWS = {  # of the paper's table: what each adds
     "a": ("lmnet", "one branch (LMNet)"),
@@ -36,7 +37,6 @@ ROWS = {  # of the paper's table: what each adds
     "d": ("d", "b + MetaKernel"),
     "e": ("e", "b + both"),
 }
-POSTPROCESSES = ("none", "knn", "head")
 
 
 def train(model: ModelConfig, config: TrainConfig, out: Path, init: Path | None = None) -> Path:
@@ -88,9 +88,10 @@ def bench(
     for row in rows:
         name, what = ROWS[row]
         bundle = make_bundle(named_config(name, channels, point_head=head), first, second, runs / row)
-        systems = {kind: with_runner(MosRunner(bundle, threads=threads, postprocess=kind)) for kind in POSTPROCESSES}
+        kinds = CHOICES["postprocess"]
+        systems = {kind: with_runner(MosRunner(bundle, threads=threads, postprocess=kind)) for kind in kinds}
         found[row] = {kind: scores(confusion) for kind, confusion in score(drives, systems).items()}
-        table[f"{row}: {what}"] = {kind: found[row][kind]["iou"] for kind in POSTPROCESSES}
+        table[f"{row}: {what}"] = {kind: found[row][kind]["iou"] for kind in kinds}
         show(f"moving IoU, %: {channels} channels, {steps} + {head_steps} steps", table)
     settings = {"channels": channels, "steps": steps, "head_steps": head_steps, "crop": crop, "seed": seed}
     save(out, threads, settings | {"streets": streets, "frames": frames, "percent": found})

@@ -11,6 +11,7 @@ from runtime.classes import CLASSES
 from runtime.errors import BundleError, SettingError
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.sensor import UNKNOWN_REACH
+from runtime.settings import CHOICES
 from runtime.typed_json import build
 
 FORMAT = 2
@@ -25,7 +26,6 @@ NETWORK_FILES = {  # and the precisions that they come in
     POINT_HEAD: ("float32", "float16"),
     POINT_HEAD_ONNX: ("float32", "float16"),
 }
-POSTPROCESSES = ("none", "knn", "head")
 
 
 @dataclass(frozen=True)
@@ -173,6 +173,6 @@ def _contradictions(manifest: Manifest) -> list[str]:
         wrong.append(f"{POINT_HEAD_ONNX} is there, but no 'point_head'")
     if head is not None and head.in_channels != manifest.features:
         wrong.append(f"the point head takes {head.in_channels} features, the image network gives {manifest.features}")
-    if manifest.postprocess not in POSTPROCESSES or (manifest.postprocess == "head" and head is None):
+    if manifest.postprocess not in CHOICES["postprocess"] or (manifest.postprocess == "head" and head is None):
         wrong.append(f"postprocess {manifest.postprocess!r} is unknown, or needs a point head that is not there")
     return wrong

@@ -34,8 +34,8 @@ from runtime.errors import BundleError, InferenceError, SettingError
 from runtime.head.numba_engine import PointHeadEngine
 from runtime.head.refinement import Floats, PointHead
 from runtime.head.sparse.kernel_map import Scale, build_scales, neighbours
+from runtime.settings import CHOICES
 
-ENGINES = ("auto", "numba", "onnx")
 # Providers that take a graph as it is; others compile it anew for every number of voxels, or run on the processor.
 GPU = ("CUDAExecutionProvider", "ROCMExecutionProvider", "DmlExecutionProvider")
 
@@ -126,8 +126,10 @@ def choose_head(
     """
     config = bundle.manifest.point_head
     there = POINT_HEAD_ONNX in bundle.manifest.files
-    if engine not in ENGINES:
-        raise SettingError(f"the engine of the point head must be one of {', '.join(ENGINES)}, not {engine!r}")
+    if engine not in CHOICES["head_engine"]:
+        raise SettingError(
+            f"the engine of the point head must be one of {', '.join(CHOICES['head_engine'])}, not {engine!r}"
+        )
     if engine == "onnx" and not there:
         raise SettingError(f"{bundle.path}: has no {POINT_HEAD_ONNX}; `mos export --point-head-onnx` makes it")
     if config is None:

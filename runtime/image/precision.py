@@ -6,8 +6,8 @@ from runtime.bundle.loading import Bundle
 from runtime.bundle.manifest import IMAGE_NET, IMAGE_NET_INT8
 from runtime.compute.processor import processor_features
 from runtime.errors import SettingError
+from runtime.settings import CHOICES
 
-PRECISIONS = ("auto", "float32", "int8")
 # By LLVM's names. With VNNI or ARM's dot product an instruction multiplies and sums bytes; with AVX2 two do, whose
 # 16-bit sums hold what a bundle's 7-bit kernels give.
 QUICK = {"avx512vnni": "AVX-512 VNNI", "avxvnni": "AVX VNNI", "i8mm": "I8MM", "dotprod": "dot product", "avx2": "AVX2"}
@@ -21,8 +21,8 @@ def choose_precision(
     wanted: "float32", "int8" or "auto". providers: names of the execution providers asked for, none for the CPU.
     features: of the processor, by LLVM's names; None: this one's. Raises SettingError for another precision.
     """
-    if wanted not in PRECISIONS:
-        raise SettingError(f"precision must be one of {', '.join(PRECISIONS)}, not {wanted!r}")
+    if wanted not in CHOICES["precision"]:
+        raise SettingError(f"precision must be one of {', '.join(CHOICES['precision'])}, not {wanted!r}")
     if wanted != "auto":
         return wanted, "as asked for"
     if IMAGE_NET_INT8 not in bundle.manifest.files:
