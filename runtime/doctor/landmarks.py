@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.compute.jit import fast_kernel, kernel
+from runtime.image.projection import pixel_scale
 from runtime.sensors.range_image import RangeImage
 
 LOOKED_AT = 16_384  # points of a scan in which upright things are looked for
@@ -46,9 +47,9 @@ class View:
 
         Those far behind what is seen now are hidden and left out; those in front of it count.
         """
-        down, up = math.radians(self.geometry.fov_down), math.radians(self.geometry.fov_up)
-        angles = np.float32(down), np.float32(up - down)
-        total, count = _misfit(landmarks, np.ascontiguousarray(motion, np.float32), *angles, self.nearest)
+        bins, _, below, fov, rows = pixel_scale(self.geometry)
+        lines = bins, np.float32(-below), np.float32(fov), rows
+        total, count = _misfit(landmarks, np.ascontiguousarray(motion, np.float32), *lines, self.nearest)
         return float(total / count) if count >= FEWEST else math.nan
 
 
@@ -80,11 +81,11 @@ def _upright(points, step, found):  # type: ignore[no-untyped-def]
 
 
 @fast_kernel
-def _misfit(landmarks, motion, down, fov, nearest):  # type: ignore[no-untyped-def]
-    """Sum of the distances and number of the landmarks that fall on something; all float32, down and fov in radians."""
+def _misfit(landmarks, motion, bins, down, fov, rows, nearest):  # type: ignore[no-untyped-def]
+    """Sum of the distances and number of the landmarks that fall on something; float32, see `pixel_scale` for lines."""
     height, width = nearest.shape
     one, nothing, reach = np.float32(1), np.float32(0), np.float32(REACH)
-    rows, columns = np.float32(height), np.float32(width / (2 * math.pi))
+    lines, columns = np.float32(bins), np.float32(width / (2 * math.pi))
     total, count = nothing, 0
     for i in range(landmarks.shape[0]):
         px, py, pz = landmarks[i, 0], landmarks[i, 1], landmarks[i, 2]
@@ -93,7 +94,9 @@ def _misfit(landmarks, motion, down, fov, nearest):  # type: ignore[no-untyped-d
         z = motion[2, 0] * px + motion[2, 1] * py + motion[2, 2] * pz + motion[2, 3]
         flat = np.sqrt(x * x + y * y)
         distance = np.sqrt(flat * flat + z * z)
-        row = int((one - (math.atan2(z, flat) - down) / fov) * rows)
+        row = int((one - (math.atan2(z, flat) - down) / fov) * lines)
+        if rows.shape[0]:
+            row = rows[min(max(row, 0), bins - 1)]
         if not 1 <= row < height - 1:  # in the edge rows lies what is out of the field of view
             continue
         column = int(width // 2 - math.atan2(y, x) * columns)

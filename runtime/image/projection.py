@@ -3,17 +3,29 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.compute.jit import fast_kernel, inlined
 from runtime.sensors.range_image import RangeImage
 
+BIN = 0.02  # degrees, width of the bins of elevation where rows follow a table
 BLOCK = 512  # points whose pixels are computed at a time, in loops that vectorise
 
 
-def pixel_scale(image: RangeImage) -> tuple[int, int, float, float]:
-    """(height, width, |fov_down| in rad, total field of view in rad): what the kernels need of a range image."""
+def pixel_scale(image: RangeImage) -> tuple[int, int, float, float, NDArray[np.int32]]:
+    """What the kernels need of a range image: (bins, width, |fov_down| in rad, field of view in rad, row of each bin).
+
+    Bins are equal angles from fov_up down. With a table of elevations they are narrow, and each belongs to the row of
+    the nearest beam; without one they are the rows, and the last item is empty.
+    """
     up, down = math.radians(image.fov_up), math.radians(image.fov_down)
-    return image.height, image.width, -down, up - down
+    if not image.elevations:
+        return image.height, image.width, -down, up - down, np.empty(0, np.int32)
+    bins = math.ceil((image.fov_up - image.fov_down) / BIN)
+    centres = image.fov_up - (np.arange(bins) + 0.5) * ((image.fov_up - image.fov_down) / bins)  # degrees
+    beams = np.array(image.elevations)
+    rows = np.abs(centres[:, None] - beams).argmin(1).astype(np.int32)
+    return bins, image.width, -down, up - down, rows
 
 
 @inlined
@@ -59,14 +71,14 @@ def project_block(points, transform, scale, xyz, pixel, distance):  # type: igno
     xyz (3, BLOCK) f32 is work space: coordinates side by side, which the loop over points needs to vectorise.
     Writes pixel[:n] int32 = v * width + u (-1: no direction, or not finite) and distance[:n] f32 in m (0 there).
     """
-    height, width, down, fov = scale
+    bins, width, down, fov, rows = scale
     r00, r01, r02, tx = transform[0, 0], transform[0, 1], transform[0, 2], transform[0, 3]
     r10, r11, r12, ty = transform[1, 0], transform[1, 1], transform[1, 2], transform[1, 3]
     r20, r21, r22, tz = transform[2, 0], transform[2, 1], transform[2, 2], transform[2, 3]
     half = np.float32(0.5 * width)
     per_eighth = np.float32(width / 8)  # columns
-    rows_per_eighth = np.float32(math.pi / 4 / fov * height)
-    top = np.float32((1 - down / fov) * height)
+    bins_per_eighth = np.float32(math.pi / 4 / fov * bins)
+    top = np.float32((1 - down / fov) * bins)
     columns = np.float32(width)
     infinity = np.float32(np.inf)
     xs, ys, zs = xyz[0], xyz[1], xyz[2]
@@ -85,11 +97,17 @@ def project_block(points, transform, scale, xyz, pixel, distance):  # type: igno
         whole, rest = _angle(y, x)
         u = (half - whole * per_eighth) - rest * per_eighth
         whole, rest = _angle(z, np.sqrt(flat))
-        v = (top - whole * rows_per_eighth) - rest * rows_per_eighth
+        v = (top - whole * bins_per_eighth) - rest * bins_per_eighth
         u = min(max(np.floor(u), np.float32(0)), np.float32(width - 1))
-        v = min(max(np.floor(v), np.float32(0)), np.float32(height - 1))
-        pixel[i] = np.int32(v * columns + u if valid else np.float32(-1))  # exact below 2^24 pixels
+        v = min(max(np.floor(v), np.float32(0)), np.float32(bins - 1))
+        pixel[i] = np.int32(v * columns + u if valid else np.float32(-1))  # exact below 2^24
         distance[i] = r if valid else np.float32(0)
+    if rows.shape[0]:  # a loop of its own, for it looks up: the one above must vectorise
+        for i in range(points.shape[0]):
+            at = pixel[i]
+            if at >= 0:
+                line = at // width
+                pixel[i] = at + (rows[line] - line) * width
 
 
 @fast_kernel

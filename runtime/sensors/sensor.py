@@ -1,10 +1,12 @@
 """A spinning LiDAR: its beams, its timing, its noise, and the range image that its turns fill."""
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from runtime.errors import SettingError
 from runtime.sensors.range_image import RangeImage
 
+EVEN = 0.02  # share by which the angles between beams may differ where rows lie at equal angles
 UNKNOWN_REACH = 300.0  # m, of a sensor of which nothing is known: farther returns make no sense on a road
 
 
@@ -30,7 +32,7 @@ class Sensor:
     lifts: tuple[float, ...] = (0.0,)  # m, height of the optics above the sensor's origin, by block of beams
     remission_step: float = 0.01  # quantisation of remission
     self_hidden: bool = False  # the roof of the car hides parts of the lowest beams
-    image: RangeImage | None = None  # None: every beam, at equal angles, in the middle of a row of its own
+    image: RangeImage | None = None  # None: a row for each beam
 
     def __post_init__(self) -> None:
         if len(self.elevations) < 2 or list(self.elevations) != sorted(set(self.elevations), reverse=True):
@@ -50,11 +52,13 @@ class Sensor:
         """The range image of the sensor; normalised as the published HDL-64E networks."""
         if self.image is not None:
             return self.image
-        top, bottom = self.elevations[0], self.elevations[-1]
-        margin = (top - bottom) / (self.beams - 1) / 2
+        width = min(2048, max(16, self.azimuth_steps // 16 * 16))
+        gaps = [a - b for a, b in pairwise(self.elevations)]
         spare = -self.beams % 16  # rows without a beam, below the last
-        width = 2048 if self.azimuth_steps >= 2048 else 1024
-        return RangeImage(self.beams + spare, width, top + margin, bottom - margin - 2 * margin * spare)
+        up, down = self.elevations[0] + gaps[0] / 2, self.elevations[-1] - gaps[-1] / 2
+        if max(gaps) - min(gaps) < EVEN * max(gaps):
+            return RangeImage(self.beams + spare, width, up, down - gaps[-1] * spare)
+        return RangeImage(self.beams + spare, width, min(up, 90), max(down, -90), elevations=self.elevations)
 
     def spinning(self, speed: float) -> "Sensor":
         """The same sensor with a motor of `speed` times the nominal rate: fewer firings fit into a faster turn."""

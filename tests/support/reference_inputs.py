@@ -13,9 +13,12 @@ def project_point(x: float, y: float, z: float, sensor: RangeImage) -> tuple[int
     r = math.sqrt(x * x + y * y + z * z) if all(map(math.isfinite, (x, y, z))) else 0.0
     if r == 0:
         return -1, -1, 0.0
-    up, down = math.radians(abs(sensor.fov_up)), math.radians(abs(sensor.fov_down))
+    up, down = math.radians(sensor.fov_up), math.radians(sensor.fov_down)
+    elevation = math.asin(max(-1.0, min(1.0, z / r)))
     u = math.floor(0.5 * (1 - math.atan2(y, x) / math.pi) * sensor.width)
-    v = math.floor((1 - (math.asin(max(-1.0, min(1.0, z / r))) + down) / (up + down)) * sensor.height)
+    v = math.floor((1 - (elevation - down) / (up - down)) * sensor.height)
+    if sensor.elevations:
+        v = min(range(len(sensor.elevations)), key=lambda i: abs(math.degrees(elevation) - sensor.elevations[i]))
     return min(max(u, 0), sensor.width - 1), min(max(v, 0), sensor.height - 1), r
 
 

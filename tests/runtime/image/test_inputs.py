@@ -8,6 +8,7 @@ from runtime.compute.workers import Workers
 from runtime.errors import SettingError
 from runtime.image.history import Past
 from runtime.image.inputs import InputBuilder
+from runtime.image.projection import BIN
 from runtime.sensors.range_image import RangeImage
 from tests.support.paths import SHARED
 from tests.support.reference_inputs import input_image, project_point
@@ -70,6 +71,35 @@ def test_every_point_keeps_its_pixel():
     nearest = got.range_image[v, u]
     assert (nearest <= got.range).all()
     assert (got.range_image[got.first >= 0] == got.range[got.first[got.first >= 0]]).all()
+
+
+UNEVEN = RangeImage(
+    height=16, width=512, fov_up=17, fov_down=-28, elevations=(15, 8, 5, 3, 2, 1.5, 1, 0.5, 0, -1, -3, -8, -25)
+)
+
+
+def test_rows_follow_a_table_of_beams():
+    """To within a bin of elevation; a row without a beam stays empty."""
+    points = street(6)
+    points = points[np.linalg.norm(points[:, :3], axis=1) > 2]
+    got = build(InputBuilder(UNEVEN, Residual(), Workers(2)), points, [points], [np.eye(4)])
+    _, row = columns_and_rows(got.pixel, UNEVEN.width)
+    elevation = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
+    away = np.abs(elevation[:, None] - np.array(UNEVEN.elevations))
+    assert (away[np.arange(len(row)), row] <= away.min(1) + 2 * BIN).all()
+    assert set(row) == set(range(13))
+    assert not got.image[5].any()  # the past is projected by the same table
+    want = input_image(points, [], [], UNEVEN, Residual())
+    differs = (np.abs(got.image[:5] - want[:5]) > 1e-3 * (1 + np.abs(want[:5]))).any(axis=0)
+    assert differs.sum() <= 0.01 * len(points)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"elevations": (1, 2)}, {"elevations": (9, 1)}, {"elevations": (*range(0, -17, -1),)}]
+)
+def test_a_table_that_cannot_be_is_refused(wrong):
+    with pytest.raises(SettingError, match="elevations"):
+        RangeImage(height=16, **wrong)
 
 
 @pytest.mark.parametrize(
