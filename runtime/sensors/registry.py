@@ -1,7 +1,7 @@
 """The sensors by their names, one line each."""
 
 from runtime.errors import SettingError
-from runtime.sensors import ouster, velodyne
+from runtime.sensors import hesai, ouster, robosense, velodyne
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.sensor import Sensor
 
@@ -11,9 +11,19 @@ SENSORS: dict[str, Sensor] = {
         velodyne.HDL64E,
         velodyne.HDL32E,
         velodyne.VLP16,
-        ouster.OS1_32,
-        ouster.OS1_64,
-        ouster.OS1_128,
+        velodyne.VLP32C,
+        velodyne.VLS128,
+        *ouster.OS0,
+        *ouster.OS1,
+        *ouster.OS2,
+        hesai.PANDAR40P,
+        hesai.PANDAR64,
+        hesai.XT16,
+        hesai.XT32,
+        hesai.QT64,
+        robosense.RS16,
+        robosense.RS32,
+        robosense.RUBY,
     )
 }
 
