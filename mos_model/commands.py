@@ -35,13 +35,15 @@ def simulate(
     frames: Annotated[int, typer.Option(min=1, help="Scans of each.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same data.")] = 0,
     sensor: SensorName = DEFAULT_SENSOR,
+    street: Annotated[str, typer.Option(help="A kind of street, or random.")] = "random",
+    version: Annotated[int, typer.Option(help="1: a car in streets. 2: robots, tilted sensors, 5 to 20 Hz too.")] = 1,
 ) -> None:
     """Write simulated streets with labels and poses, in SemanticKITTI's layout."""
     from mos_model.simulator.write import write_dataset
     from runtime.commands.progress import counted
 
     with counted("scans") as progress:
-        done = write_dataset(out, sequences, frames, seed, sensor, progress)
+        done = write_dataset(out, sequences, frames, seed, sensor, progress, street=street, version=version)
     show_line(
         f"{done.path}: {done.scans} scans in {done.sequences} sequences, "
         f"{done.points / done.scans:,.0f} points a scan, "

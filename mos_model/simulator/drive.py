@@ -6,6 +6,7 @@ from random import Random
 import numpy as np
 
 from mos_model.simulator.motion import Path, draw_speed
+from mos_model.simulator.mounting import Mounting
 from mos_model.simulator.roads import lay_roads, turning_path
 from mos_model.simulator.streets import STYLES
 from mos_model.simulator.terrain import REACH, Terrain
@@ -18,24 +19,29 @@ FASTEST = {"residential": 13, "urban": 15, "highway": 22, "country": 20, "open":
 class Drive:
     """Drawn before the world is: the world grows around it."""
 
-    def __init__(self, rng: Random, street: str, ego: str, times: np.ndarray) -> None:
+    def __init__(self, rng: Random, street: str, ego: str, times: np.ndarray, mounting: Mounting) -> None:
         """`times` (frames,) s of the scans; `street` and `ego` as in `SimulationSettings`."""
+        self.mounting = mounting
         duration, self.times = float(times[-1]), times
         fast = rng.uniform(0.4, 1.0) * FASTEST[street]
         if ego == "slow":
             fast = rng.uniform(0.5, 4.0)
         elif ego == "turning":
             fast = rng.uniform(2.5, 7.0)
+        fast = min(fast, mounting.pace)
         kind = ego if ego in ("standing", "stop_and_go", "pull_away") else "constant"
         self.speed = draw_speed(rng, kind, fast, duration)
         travel = max(float(self.speed.at(times[-1:])[0][0]), 1.0)
         crossing = REACH + rng.uniform(0.1, 0.9) * travel if ego == "turning" else None
         self.roads = lay_roads(rng, STYLES[street], int(travel + 2 * REACH + 20), crossing, travel)
         road = self.roads[0]
-        line = road.line(-(rng.randrange(road.lanes) + 0.5) * road.lane_width)
+        aside = (rng.randrange(road.lanes) + 0.5) * road.lane_width
+        if mounting.sidewalk:
+            aside = road.half + 0.4 * sum(STYLES[street].walk)
+        line = road.line(-aside)
         if crossing is not None:
             side = self.roads[-1]
-            aside = 0.5 * side.lane_width
+            aside = aside - road.half + side.half if mounting.sidewalk else 0.5 * side.lane_width
             out = side.line(-aside) if rng.random() < 0.5 else side.line(aside, side.length, 0.0)
             line = turning_path(line, out, rng.uniform(6, 12))
         self.path = Path(line)
@@ -58,8 +64,8 @@ class Drive:
         return self.path.at(self.start + np.arange(walked[0] - 1, walked[1] + 2))
 
     def states(self, times: np.ndarray, terrain: Terrain, mount: np.ndarray) -> np.ndarray:
-        """(n, 6) position and attitude x, y, z, yaw, pitch, roll of the sensor at `times`; `mount` (3,): its
-        height above the ground and its own pitch and roll."""
+        """(n, 6) position and attitude x, y, z, yaw, pitch, roll of the sensor at `times`; `mount` (4,): its
+        height above the ground, and its pitch, roll and yaw in the vehicle."""
         speed = self.speed.at(times)[1]
         x, y, yaw = self.places(times).T
         c, s = np.cos(yaw), np.sin(yaw)
@@ -75,4 +81,6 @@ class Drive:
         roll += shake * sum(a * np.sin(2 * math.pi * f * times + o) for a, f, o in self._rolling)
         push = (self.speed.at(times + 0.1)[1] - self.speed.at(times - 0.1)[1]) / 0.2
         pitch += shake * self._bump * np.exp(-(((times - self._bump_time) / 0.15) ** 2)) - 0.004 * push
-        return np.stack([x, y, 0.5 * (front + rear) + mount[0], yaw, pitch, roll], 1)
+        c, s = math.cos(mount[3]), math.sin(mount[3])
+        pitch, roll = c * pitch - s * roll, c * roll + s * pitch
+        return np.stack([x, y, 0.5 * (front + rear) + mount[0], yaw + mount[3], pitch, roll], 1)

@@ -6,7 +6,10 @@ from random import Random
 
 import numpy as np
 
+from mos_model.simulator.mounting import Mounting
 from runtime.sensors.sensor import Sensor
+
+AS_USUAL = Mounting()
 
 
 @dataclass(frozen=True)
@@ -14,7 +17,7 @@ class Rig:
     """A mounted sensor. Per beam from the highest down; surfaces as in `ground`."""
 
     profile: Sensor
-    mount: np.ndarray  # (3,) height above the ground m, pitch and roll radians
+    mount: np.ndarray  # (4,) height above the ground m; pitch, roll and yaw in the vehicle, radians
     elevation: np.ndarray  # (beams,) radians
     offset: np.ndarray  # (beams,) radians, azimuth of the beam beside that of the firing
     bias: np.ndarray  # (beams,) m, constant range error
@@ -28,7 +31,7 @@ class Rig:
     rough: np.ndarray  # (surfaces,) m, height of what grows on it
 
 
-def draw_rig(rng: Random, profile: Sensor, vary: bool) -> Rig:
+def draw_rig(rng: Random, profile: Sensor, vary: bool, mounting: Mounting = AS_USUAL) -> Rig:
     """The sensor as its profile says, or one that differs in mounting, alignment, noise and sensitivity."""
     noise = np.random.default_rng(rng.getrandbits(32))
     bias = profile.beam_bias * noise.standard_normal(profile.beams)
@@ -37,7 +40,7 @@ def draw_rig(rng: Random, profile: Sensor, vary: bool) -> Rig:
     albedo, rough = np.array((0.2, 0.6, 0.3, 0.35, 0.25)), np.array((0.0, 0.0, 0.0, 0.1, 0.0))
     hidden = np.zeros((profile.azimuth_steps, profile.beams), np.bool_)
     if not vary:
-        mount = np.array((profile.mount_height, 0.0, 0.0))
+        mount = _mount(mounting, profile.mount_height, 0.0, 0.0)
         return Rig(
             profile, mount, elevation, np.zeros(profile.beams), bias, drop, hidden, profile.range_noise,
             profile.dropout, 0.0, profile.sensitivity, albedo, rough,
@@ -50,9 +53,10 @@ def draw_rig(rng: Random, profile: Sensor, vary: bool) -> Rig:
     rough[3] = rng.choice((0.03, 0.1, 0.2, 0.35))
     if profile.self_hidden and rng.random() < 0.8:
         hidden = _draw_hidden(rng, profile, elevation)
+        hidden = np.roll(hidden, -round(mounting.yaw / (2 * math.pi) * profile.azimuth_steps), axis=0)
     return Rig(
         profile=profile,
-        mount=np.array((profile.mount_height + rng.uniform(-0.15, 0.25), *tilt)),
+        mount=_mount(mounting, profile.mount_height + rng.uniform(-0.15, 0.25), *tilt),
         elevation=elevation,
         offset=np.radians(noise.uniform(-0.1, 0.1, profile.beams)),
         bias=bias,
@@ -65,6 +69,13 @@ def draw_rig(rng: Random, profile: Sensor, vary: bool) -> Rig:
         albedo=albedo * noise.uniform(0.6, 1.4, 5),
         rough=rough,
     )
+
+
+def _mount(mounting: Mounting, height: float, pitch: float, roll: float) -> np.ndarray:
+    """The place of the sensor, where `mounting` does not say: as given."""
+    chosen = mounting.height, mounting.pitch, mounting.roll
+    usual = height, pitch, roll
+    return np.array([b if a is None else a for a, b in zip(chosen, usual, strict=True)] + [mounting.yaw])
 
 
 def _draw_hidden(rng: Random, profile: Sensor, elevation: np.ndarray) -> np.ndarray:

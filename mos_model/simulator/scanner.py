@@ -10,6 +10,8 @@ SURFACE_LABELS = np.array((40, 60, 48, 72, 49), np.uint32)  # of ROAD, MARKING, 
 # Share of returns lost, by material: MATT, FACADE, BARS, MESH, FOLIAGE, PAINT, CABIN, CLOTH, METAL.
 MATERIAL_LOSS = np.array((0.0, 0.01, 0.04, 0.08, 0.03, 0.03, 0.03, 0.01, 0.01))
 RADII = 1.6 * 1.035 ** np.arange(125)  # m, where the ground is looked up along a column
+NEAR = 0.2 * 1.15 ** np.arange(15)  # m, and where besides by a sensor that is lower than LOW m
+LOW = 1.2
 
 
 class Scanner:
@@ -27,7 +29,8 @@ class Scanner:
             np.empty((columns, 3)),
             np.empty(columns),
         )
-        self._radii = RADII[: np.searchsorted(RADII, rig.profile.max_range) + 1]
+        radii = np.concatenate([NEAR, RADII]) if rig.mount[0] < LOW else RADII
+        self._radii = radii[: np.searchsorted(radii, rig.profile.max_range) + 1]
 
     def scan(
         self,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from mos_model.simulator.drive import Drive
+from mos_model.simulator.mounting import draw_mounting
 from mos_model.simulator.odometry import draw_reported, true_pose
 from mos_model.simulator.rig import draw_rig
 from mos_model.simulator.scanner import Scanner
@@ -55,19 +56,21 @@ class Simulation:
         if not isinstance(seed, int) or seed < 0:
             raise SettingError(f"seed must be a whole number of at least 0, not {seed!r}")
         rng = Random(seed)
+        mounting = draw_mounting(seed, settings, profile)
         if settings.sensor_variation and profile.spin_tolerance:
             profile = profile.spinning(1 + rng.uniform(-1, 1) * profile.spin_tolerance)
+        profile = mounting.turning(profile)
         self.seed, self.profile, self.settings = seed, profile, settings
         self.times = np.arange(frames) / profile.rate
-        self.conditions: Conditions = draw_conditions(rng, settings)
+        self.conditions: Conditions = draw_conditions(rng, settings, mounting.ego)
         style = STYLES[self.conditions.street]
-        drive = Drive(rng, self.conditions.street, self.conditions.ego, self.times)
+        drive = Drive(rng, self.conditions.street, self.conditions.ego, self.times, mounting)
         way = drive.way()
         terrain = Terrain(rng, style, drive.roads, way[:, :2])
-        self.world = World(rng, style, drive.roads, terrain, way)
+        self.world = World(rng, style, drive.roads, terrain, way, mounting.body)
         self.traffic = Traffic(rng, self.world, drive, self.conditions.density)
         self.scene = Scene(self.world, self.traffic.tracks)
-        self.scanner = Scanner(draw_rig(rng, profile, settings.sensor_variation))
+        self.scanner = Scanner(draw_rig(rng, profile, settings.sensor_variation, mounting))
         self.states = self._sensor_states(drive)
         self.true_poses = [true_pose(state) for state in self.states[:, 1]]
         self.poses = draw_reported(rng, self.true_poses, self.conditions.pose_noise)

@@ -8,6 +8,7 @@ from runtime.errors import SettingError
 STREETS = ("residential", "urban", "highway", "country", "open")
 EGO_MOTIONS = ("standing", "slow", "cruise", "stop_and_go", "pull_away", "turning")
 SCAN_MOTIONS = ("off", "on", "compensated")
+VERSIONS = (1, 2)
 
 
 @dataclass(frozen=True)
@@ -22,8 +23,14 @@ class SimulationSettings:
     sensor_variation: bool = True  # mount, beam pattern, noise and self-occlusion vary by sequence
     imperfections: bool = True  # dropouts, mixed pixels, range noise, stray points
     origin_point: bool = False  # one point at the origin ends every scan, as in raw KITTI files
+    version: int = 1  # 1: cars in streets; 2: more kinds of mounts, people and places
+    mount_height: float | None = None  # m above the ground
+    pitch: float | None = None  # degrees, nose down
+    rate: float | None = None  # Hz, turns a second
 
     def __post_init__(self) -> None:
+        if self.version not in VERSIONS:
+            raise SettingError(f"simulation version must be one of {VERSIONS}, not {self.version!r}")
         for name, known in (("street", STREETS), ("ego", EGO_MOTIONS), ("scan_motion", SCAN_MOTIONS)):
             if getattr(self, name) not in (*known, "random"):
                 raise SettingError(
@@ -33,6 +40,10 @@ class SimulationSettings:
             value = getattr(self, name)
             if value is not None and not 0 <= value <= 10:
                 raise SettingError(f"simulation {name} must be None or within 0..10, not {value!r}")
+        for name, low, high in (("mount_height", 0.1, 10), ("pitch", -45, 45), ("rate", 1, 100)):
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise SettingError(f"simulation {name} must be None or within {low}..{high}, not {value!r}")
 
 
 @dataclass(frozen=True)
@@ -46,8 +57,9 @@ class Conditions:
     pose_noise: float  # strength of the odometry's error, 1 is usual
 
 
-def draw_conditions(rng: Random, settings: SimulationSettings) -> Conditions:
-    """Draw what `settings` leaves open. All is drawn, used or not: fixing one thing leaves the rest alike."""
+def draw_conditions(rng: Random, settings: SimulationSettings, usual: str = "") -> Conditions:
+    """Draw what `settings` leaves open; `usual` is how a carrier that is no car goes. All is drawn, used or not: fixing
+    one thing leaves the rest alike."""
     street = rng.choices(STREETS, (34, 30, 10, 14, 12))[0]
     ego = rng.choices(EGO_MOTIONS, (22, 13, 35, 8, 9, 13))[0]
     motion = rng.choices(SCAN_MOTIONS, (15, 40, 45))[0]
@@ -55,7 +67,7 @@ def draw_conditions(rng: Random, settings: SimulationSettings) -> Conditions:
     noise = 0.0 if rng.random() < 0.08 else min(max(rng.lognormvariate(-0.3, 0.6), 0.15), 3.0)
     return Conditions(
         street=street if settings.street == "random" else settings.street,
-        ego=ego if settings.ego == "random" else settings.ego,
+        ego=usual or ego if settings.ego == "random" else settings.ego,
         scan_motion=motion if settings.scan_motion == "random" else settings.scan_motion,
         density=density if settings.movers is None else float(settings.movers),
         pose_noise=noise if settings.pose_noise is None else float(settings.pose_noise),

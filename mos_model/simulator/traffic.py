@@ -51,7 +51,8 @@ class Traffic:
         self.ego = drive.places(self.times)  # (frames, 3) x, y, yaw
         self.tracks: list[Track] = []
         if density > 0:
-            self._follow_ego()
+            if not drive.mounting.sidewalk:
+                self._follow_ego()
             self._fill_ways()
             self._turn_off()
             self._fill_lanes()
@@ -216,7 +217,8 @@ class Traffic:
     def _keep_apart(self) -> None:
         """Leave out what would drive into the sensor's vehicle or into what was drawn earlier."""
         kept: list[Track] = []
-        ego = Track(np.empty((0, 0)), CAR, 4.8, 2.0, np.column_stack([self.ego, np.zeros((len(self.ego), 2))]))
+        long, wide = (0.8, 0.7) if self.drive.mounting.robot else (4.8, 2.0)
+        ego = Track(np.empty((0, 0)), CAR, long, wide, np.column_stack([self.ego, np.zeros((len(self.ego), 2))]))
         for track in self.tracks:
             if len(kept) < MOST and not any(_touch(track, other) for other in [ego, *kept]):
                 kept.append(track)

@@ -20,13 +20,17 @@ PLAN = 0.5  # m, cell of the floor plan
 class World:
     """Everything that stands still. Coordinates in m, z up."""
 
-    def __init__(self, rng: Random, style: StreetStyle, roads: list[Road], terrain: Terrain, way: np.ndarray) -> None:
-        """Furnish the roads, but nothing on `way` (n, 3) x, y, yaw, the places of the sensor's vehicle."""
+    def __init__(
+        self, rng: Random, style: StreetStyle, roads: list[Road], terrain: Terrain, way: np.ndarray,
+        body: tuple[float, float],
+    ) -> None:  # fmt: skip
+        """Furnish the roads, but nothing on `way` (n, 3) x, y, yaw, the places of the sensor's vehicle; `body`: half
+        its length and width, m."""
         self.rng, self.style, self.roads, self.terrain = rng, style, roads, terrain
         self._plan = np.zeros([int(n / PLAN) for n in terrain.edge.shape], np.bool_)
         self._rows: list[np.ndarray] = []
         self._labels: list[int] = []
-        passed = self._passed(way)
+        passed = self._passed(way, *body)
         self._plan |= passed
         for road in roads:
             for side in (-1, 1):
@@ -46,10 +50,12 @@ class World:
         free: bool = claim(self._plan, t.x0, t.y0, PLAN, x, y, yaw, rear, front, half, mark)
         return free
 
-    def _passed(self, way: np.ndarray) -> np.ndarray:
+    def _passed(self, way: np.ndarray, long: float, wide: float) -> np.ndarray:
         """(rows, columns) bool, the cells of the floor plan that the sensor's vehicle comes to."""
         passed = np.zeros_like(self._plan)
-        along, aside = (a.ravel() for a in np.meshgrid(np.arange(-2.5, 3.0, 0.4), np.arange(-1.2, 1.3, 0.4)))
+        along, aside = (
+            a.ravel() for a in np.meshgrid(np.arange(-long, long + 0.5, 0.4), np.arange(-wide, wide + 0.1, 0.4))
+        )
         c, s = np.cos(way[:, 2:]), np.sin(way[:, 2:])
         x, y = way[:, :1] + c * along - s * aside, way[:, 1:2] + s * along + c * aside
         i, j = ((y - self.terrain.y0) / PLAN).astype(int), ((x - self.terrain.x0) / PLAN).astype(int)
