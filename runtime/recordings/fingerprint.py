@@ -11,18 +11,24 @@ BLOCK = 8192  # 32-bit words that are summed up together
 WEIGHTS = np.frombuffer(hashlib.shake_128(b"weights of the fingerprint").digest(8 * BLOCK), "<u8")
 
 
-def fingerprint_of(data: npt.NDArray[np.float32], pose: npt.NDArray[np.float64] | None, time: float | None) -> str:
-    """Of a scan (N, 3 or 4) with its pose (4, 4) and its time in s: 16 hexadecimal digits.
+def fingerprint_of(
+    data: npt.NDArray[np.float32],
+    pose: npt.NDArray[np.float64] | None,
+    time: float | None,
+    times: npt.NDArray[np.float32] | None = None,
+) -> str:
+    """Of a scan (N, 3 or 4) with its pose (4, 4), its time in s, and those of its points (N,): 16 hexadecimal digits.
 
     Takes 0.3 ms for 2 MB, where the hashes of `hashlib` take 1.2 to 4: the blocks are summed up, and only their sums
     and the rest go into one of those.
     """
-    words = np.ascontiguousarray(data, "<f4").view("<u4").reshape(-1)
-    whole = len(words) // BLOCK * BLOCK
-    sums = np.einsum("ij,j->i", words[:whole].reshape(-1, BLOCK), WEIGHTS, dtype=np.uint64, casting="unsafe")
     digest = hashlib.blake2b(repr((data.shape, time)).encode(), digest_size=8)
-    digest.update(sums.tobytes())
-    digest.update(words[whole:].tobytes())
+    for array in (data,) if times is None else (data, times):
+        words = np.ascontiguousarray(array, "<f4").view("<u4").reshape(-1)
+        whole = len(words) // BLOCK * BLOCK
+        sums = np.einsum("ij,j->i", words[:whole].reshape(-1, BLOCK), WEIGHTS, dtype=np.uint64, casting="unsafe")
+        digest.update(sums.tobytes())
+        digest.update(words[whole:].tobytes())
     if pose is not None:
         digest.update(pose.astype("<f8").tobytes())
     return digest.hexdigest()

@@ -24,6 +24,7 @@ class Scan:
     pose: Pose | None = None  # (4, 4) float64 T_world_lidar
     time: float | None = None  # s
     ring: npt.NDArray[np.integer] | None = None  # (N,) number of the laser
+    times: npt.NDArray[np.float32] | None = None  # (N,) s after `time`, or after the first point; see `PointTimes`
 
     @property
     def points(self) -> npt.NDArray[np.float32]:
@@ -92,8 +93,8 @@ class Recording(Protocol):
         return self.scans()
 
     def fingerprint(self, scan: Scan) -> str:
-        """Of all that a label may depend on: points, remission, pose, time. Kept with the label."""
-        return fingerprint_of(scan.data, scan.pose, scan.time)
+        """Of all that a label may depend on: points, remission, pose, time, times of points. Kept with the label."""
+        return fingerprint_of(scan.data, scan.pose, scan.time, scan.times)
 
 
 @runtime_checkable

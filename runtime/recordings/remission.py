@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from runtime.recordings.cloud import Cloud
 from runtime.recordings.scans import ScanData
 
 log = logging.getLogger("lidar_mos.recordings")
@@ -19,8 +20,8 @@ FIRST = 3  # scans that are looked at
 class Remission:
     """Brings the remission of a recording's scans to 0..1, all by one scale."""
 
-    def __init__(self, given: float | None, source: str, first: Callable[[], Iterable[ScanData]]) -> None:
-        """given: the scale; None: as the scans that `first` gives show it, which the logger is told."""
+    def __init__(self, given: float | None, source: str, first: Callable[[], Iterable[Cloud]]) -> None:
+        """given: the scale; None: as the clouds that `first` gives show it, which the logger is told."""
         self._given, self._source, self._first = given, source, first
         self._found: float | None = None
 
@@ -38,7 +39,7 @@ class Remission:
         if self._given is not None:
             return self._given
         if self._found is None:
-            top, self._found = find_scale(self._first())
+            top, self._found = find_scale(cloud.data for cloud in self._first())
             if self._found != 1:
                 log.info(
                     "%s: remission goes up to %.3g and is divided by %g; if that is wrong, give its full scale "

@@ -10,6 +10,7 @@ import numpy as np
 from runtime.errors import PoseError, ScanError
 from runtime.recordings.bag import Bag, Message, is_bag
 from runtime.recordings.cloud import Cloud
+from runtime.recordings.point_times import PointTimes
 from runtime.recordings.pointcloud2 import to_cloud
 from runtime.recordings.pose_files import ScanPoses, Times, read_file_poses
 from runtime.recordings.poses import Poses
@@ -17,7 +18,6 @@ from runtime.recordings.recording import Indexed, Options, Scan
 from runtime.recordings.remission import FIRST, Remission
 from runtime.recordings.ros_poses import CLOUD, choose_topic, read_topic_poses
 from runtime.recordings.ros_stamps import Stamps
-from runtime.recordings.scans import ScanData
 
 TITLE = "a bag of ROS 1 or 2 (.bag, .db3, .mcap)"
 
@@ -51,6 +51,7 @@ class RosRecording(Indexed):
         self.poses = None if self._poses is None else self._poses.poses
         self.poses_from = None if self._poses is None else self._poses.origin
         self._remission = Remission(options.remission_scale, self.source, self._first)
+        self._point_times = PointTimes(self.source, self._first)
 
     def scans(self, start: int = 0) -> Iterator[Scan]:
         if start < len(self):
@@ -78,22 +79,24 @@ class RosRecording(Indexed):
         if self._poses is not None and index in self._poses.broken:
             raise PoseError(self._poses.broken[index])
         cloud = self._cloud(index, message)
+        time = None if self.times is None else float(self.times[index])
         return Scan(
             self.keys[index],
             self._remission.scaled(cloud.data),
             None if self.poses is None else self.poses[index],
-            None if self.times is None else float(self.times[index]),
+            time,
             cloud.ring,
+            self._point_times.seconds(cloud.times, time),
         )
 
     def _cloud(self, index: int, message: Message) -> Cloud:
         where = f"{self.source}: scan {self.keys[index]} of {self._topic}"
         return to_cloud(self._bag.decoded(message, CLOUD, where), where)
 
-    def _first(self) -> Iterator[ScanData]:
+    def _first(self) -> Iterator[Cloud]:
         for index, message in enumerate(islice(self._messages(0), min(FIRST, len(self)))):
             try:
-                yield self._cloud(index, message).data
+                yield self._cloud(index, message)
             except ScanError:  # is said when it is read
                 continue
 

@@ -13,13 +13,15 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.errors import MosError, PoseError, SequenceError
+from runtime.recordings.cloud import Cloud
 from runtime.recordings.formats.registry import SUFFIXES, count_points, find_columns, read_cloud
 from runtime.recordings.labels import read_truth
+from runtime.recordings.point_times import PointTimes
 from runtime.recordings.pose_files import ScanPoses, Times, read_file_poses, read_times
 from runtime.recordings.poses import Pose, Poses
 from runtime.recordings.recording import Indexed, Options, Scan
 from runtime.recordings.remission import FIRST, Remission
-from runtime.recordings.scans import ScanData, moved
+from runtime.recordings.scans import moved
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,18 +40,21 @@ class ScanFiles(Indexed):
     file_poses: ScanPoses | None
     columns: int  # numbers a point, if they are raw
     remission: Remission
+    point_times: PointTimes
     mount: Pose | None  # (4, 4) T_file_lidar, where the points of the files are in another frame than the LiDAR's
 
     def read(self, index: int) -> Scan:
         if self.file_poses is not None and index in self.file_poses.broken:
             raise PoseError(self.file_poses.broken[index])
         cloud = read_cloud(self.files[index], self.columns)
+        time = None if self.times is None else float(self.times[index])
         return Scan(
             self.keys[index],
             self.remission.scaled(cloud.data if self.mount is None else moved(cloud.data, np.linalg.inv(self.mount))),
             None if self.poses is None else self.poses[index],
-            None if self.times is None else float(self.times[index]),
+            time,
             cloud.ring,
+            self.point_times.seconds(cloud.times, time),
         )
 
     def count(self, index: int) -> int:
@@ -99,15 +104,16 @@ def of_files(
         file_poses=found,
         columns=columns,
         remission=Remission(options.remission_scale, str(folder), first),
+        point_times=PointTimes(str(folder), first),
         mount=mount,
     )
 
 
-def _readable(files: tuple[Path, ...], columns: int) -> Iterator[ScanData]:
-    """The scans in those files that can be read; what is wrong with the others is said when it is their turn."""
+def _readable(files: tuple[Path, ...], columns: int) -> Iterator[Cloud]:
+    """The clouds in those files that can be read; what is wrong with the others is said when it is their turn."""
     for file in files:
         with suppress(MosError):
-            yield read_cloud(file, columns).data
+            yield read_cloud(file, columns)
 
 
 def scan_files(folder: Path) -> list[Path]:

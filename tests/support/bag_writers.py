@@ -59,6 +59,8 @@ class BagWriter:
                 points[name] = scan[:, index]
         if "ring" in dtype.names:
             points["ring"] = np.arange(len(scan)) % 64
+        if "t" in dtype.names:
+            points["t"] = np.linspace(0, 1e8, len(scan))  # ns
         rows, width = shape or (1, len(scan))
         data = points.reshape(rows, width).view(np.uint8).reshape(rows, width * dtype.itemsize)
         data = np.pad(data, ((0, 0), (0, padding)))

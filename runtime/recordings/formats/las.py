@@ -7,7 +7,7 @@ import numpy as np
 
 from runtime.compute.packages import LASPY, LAZRS, need_package
 from runtime.errors import ScanError
-from runtime.recordings.cloud import RING, Cloud, cloud_of
+from runtime.recordings.cloud import RING, TIME, Cloud, cloud_of
 
 SUFFIXES: tuple[str, ...] = (".las", ".laz")
 
@@ -29,7 +29,9 @@ def read(path: Path) -> Cloud:
     columns = {name: np.asarray(las[name]) for name in ("x", "y", "z")}
     if np.any(las.intensity):  # the field is always there, and 0 where there is none
         columns["intensity"] = np.asarray(las.intensity)
-    columns |= {name: np.asarray(las[name]) for name in las.point_format.dimension_names if name.lower() in RING}
+    columns |= {
+        name: np.asarray(las[name]) for name in las.point_format.dimension_names if name.lower() in (*RING, *TIME)
+    }
     return cloud_of(columns, str(path))
 
 

@@ -16,6 +16,7 @@ from runtime.recordings.formats.whole_file import numbers_in, read_bytes
 
 SUFFIXES: tuple[str, ...] = (".pcd",)
 MAX_HEADER = 65536  # bytes
+PADDING = "_"
 
 
 def holds(head: bytes) -> bool:
@@ -108,16 +109,32 @@ class Header:
         encoding = lines["DATA"][0].lower()
         if encoding not in ("ascii", "binary", "binary_compressed") or points < 0 or min(counts) < 0:
             raise ScanError(f"{path}: its header is no PCD header: DATA {encoding}, {points} points, COUNT {counts}")
-        offsets = list(accumulate((dtype.itemsize * times for _, dtype, times in parts), initial=0))
         columns = list(accumulate(counts, initial=0))
-        # Padding of 0 bytes comes of a writer that misplaces it: what follows is not where the header has it.
-        known = counts.index(0) if 0 in counts else len(counts)
         fields = {
             name: Field(name, dtype, offset, column)
-            for (name, dtype, times), offset, column in zip(parts[:known], offsets, columns, strict=False)
+            for (name, dtype, times), offset, column in zip(parts, _offsets(parts), columns, strict=False)
             if times == 1
         }
-        return cls(tuple(fields.values()), points, encoding, offsets[-1], columns[-1], size)
+        stride = sum(dtype.itemsize * times for _, dtype, times in parts)
+        if any(one.offset + one.dtype.itemsize > stride for one in fields.values()):
+            raise ScanError(f"{path}: its header is no PCD header: COUNT {counts} leaves no room for its fields")
+        return cls(tuple(fields.values()), points, encoding, stride, columns[-1], size)
+
+
+def _offsets(parts: list[tuple[str, np.dtype[np.generic], int]]) -> list[int]:
+    """Where each field begins, bytes. parts: names, types, counts.
+
+    Padding of 0 bytes comes of a writer that puts the gaps of a structure of C where they are not: what follows lies
+    where C aligns it.
+    """
+    found, at, lost = [], 0, False
+    for name, dtype, times in parts:
+        lost |= times == 0
+        if lost:
+            at += -at % dtype.itemsize
+        found.append(at)
+        at += 0 if lost and name == PADDING else dtype.itemsize * times
+    return found
 
 
 def _check_count(found: int, header: Header, path: Path) -> None:

@@ -43,7 +43,9 @@ def test_pose_and_time_count():
     data, moved = scan(100), POSE.copy()
     moved[0, 3] = 1e-9
     found = [fingerprint_of(data, pose, time) for pose in (None, POSE, moved) for time in (None, 0.0, 1e-9)]
-    assert len(set(found)) == 9
+    times = np.zeros(100, np.float32)
+    found += [fingerprint_of(data, None, None, one) for one in (times, times + np.float32(1e-9))]
+    assert len(set(found)) == 11
 
 
 def test_it_is_the_same_everywhere_and_always():

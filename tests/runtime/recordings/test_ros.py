@@ -95,6 +95,9 @@ def test_layouts(path, kind, scans, layout):
     scan = open_recording(path, POINTS).read(0)
     np.testing.assert_array_equal(scan.data, scans[0][:1000, : 3 if layout == "no remission" else 4])
     assert (scan.ring is not None) == ("ring" in dtype.names)
+    assert (scan.times is not None) == ("t" in dtype.names)
+    if scan.times is not None:
+        np.testing.assert_allclose(scan.times, np.linspace(0, 0.1, 1000), atol=1e-6)
     if scan.ring is not None:
         np.testing.assert_array_equal(scan.ring, np.arange(1000) % 64)
 

@@ -109,7 +109,7 @@ def test_wrong_files(tmp_path, content, message):
         ("binary_compressed_organized.pcd", 8, (0, 0, 0, 0.1), None),
         ("nebula_vlp16_xyzircaedt.pcd", 14831, (0.96583873, -0.00522574, 0.01685902, 100), 8),
         ("os0-64_binary_pointxyzinormal.pcd", 73452, (-8.208431, 0.86065745, 8.384442, 8), None),
-        ("pandar40p_binary_timestamp_ring.pcd", 68242, (-0.014022252, 32.136631, 4.0273242, 6), None),
+        ("pandar40p_binary_timestamp_ring.pcd", 68242, (-0.014022252, 32.136631, 4.0273242, 6), 0),
         ("vlp16_ascii_xyz.pcd", 22988, (-1.14, 0, -0.3), None),
         ("vlp16_binary_padded_ring.pcd", 15753, (-5.8486404, -20.013752, 0.36395246, 5), 8),
     ],
@@ -126,10 +126,13 @@ def test_files_of_other_projects(readers, name, count, first, ring):
 
 
 def test_a_header_that_misplaces_its_fields(readers):
-    """It has padding of no bytes, and the ring lies 2 bytes before where it has it; places and remission are right."""
+    """It has padding of no bytes: times lie 4 bytes behind where it has them, rings 2 before."""
     cloud = read_cloud(readers / "pcd" / "pandar40p_binary_timestamp_ring.pcd")
     assert np.isfinite(cloud.data).all()
     assert 0 <= cloud.data[:, 3].min() <= cloud.data[:, 3].max() == 255
+    np.testing.assert_array_equal(np.unique(cloud.ring), np.arange(40))
+    turn = np.unwrap(np.arctan2(cloud.data[:, 1], cloud.data[:, 0]))
+    assert np.corrcoef(turn, cloud.times)[0, 1] < -0.999
 
 
 @pytest.mark.parametrize("name", ["ascii_empty.pcd", "ascii_invalid_header.pcd"])
