@@ -37,13 +37,15 @@ def simulate(
     sensor: SensorName = DEFAULT_SENSOR,
     street: Annotated[str, typer.Option(help="A kind of street, or random.")] = "random",
     version: Annotated[int, typer.Option(help="1: a car in streets. 2: robots, tilted sensors, 5 to 20 Hz too.")] = 1,
+    weather: Annotated[str, typer.Option(help="clear, fog, rain, snow, dust, or random.")] = "random",
 ) -> None:
     """Write simulated streets with labels and poses, in SemanticKITTI's layout."""
     from mos_model.simulator.write import write_dataset
     from runtime.commands.progress import counted
 
     with counted("scans") as progress:
-        done = write_dataset(out, sequences, frames, seed, sensor, progress, street=street, version=version)
+        chosen = {"street": street, "version": version, "weather": weather}
+        done = write_dataset(out, sequences, frames, seed, sensor, progress, **chosen)
     show_line(
         f"{done.path}: {done.scans} scans in {done.sequences} sequences, "
         f"{done.points / done.scans:,.0f} points a scan, "

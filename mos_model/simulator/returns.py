@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mos_model.simulator.airborne import AIR
 from runtime.classes import MOVING_LABEL
 from runtime.compute.jit import fast_kernel, inlined
 
@@ -38,11 +39,12 @@ def _moves(label):  # type: ignore[no-untyped-def]
 @fast_kernel
 def report(  # type: ignore[no-untyped-def]
     depth, hit, cosine, prims, label, ground_label, ground_albedo, material_loss, local, world, drop, restore, hidden,
-    bias, limits, noise, sensitivity, loss, stray, resolution, imperfect, seed,
+    bias, limits, noise, sensitivity, extinction, loss, stray, resolution, imperfect, seed,
 ):  # fmt: skip
     """Points (n, 4) float32 in the sensor frame and labels (n,) uint32, laser by laser, azimuth from 0 up.
 
-    `label` (objects,) of the primitives' objects; `ground_label`, `ground_albedo` by surface class;
+    `label` (objects,) of the primitives' objects; `ground_label`, `ground_albedo` by surface class, what is in
+    the air comes last; `extinction` 1/m of the light;
     `material_loss` (materials,) share of returns lost; `restore` (columns, 3, 4) takes what was measured at a
     column to the scan's frame; `hidden` (columns, beams) what the vehicle itself hides; `bias` (beams,) m;
     `limits` least and greatest range; `noise` m; `loss` and `stray` shares of firings without or with a
@@ -80,9 +82,11 @@ def report(  # type: ignore[no-untyped-def]
                         ground_albedo[-2 - k],
                         -np.float64(world[c, b, 2]),
                     )
-                    angle = max(angle, 0.0)
-                if imperfect:
+                    angle = max(angle, 0.0) if k != AIR else np.float64(cosine[c, b])
+                if imperfect and k != AIR:
                     power = albedo * angle / (t * t * sensitivity)
+                    if extinction > 0.0:
+                        power *= np.exp(-2.0 * extinction * t)
                     power *= power
                     if _uniform(state) * (1.0 + power) > power * (1.0 - chance):
                         continue
@@ -91,7 +95,7 @@ def report(  # type: ignore[no-untyped-def]
                     side = 0 if side == columns else columns - 1 if side < 0 else side
                     other, j = depth[side, b], hit[side, b]
                     gap = other - t
-                    if abs(gap) > 0.12 + 0.01 * t and other < 1e8 and j != -1:
+                    if abs(gap) > 0.12 + 0.01 * t and other < 1e8 and j != -1 and j != AIR:
                         u = _uniform(state)
                         mix = 0.3 if abs(gap) < 2.0 else 0.05
                         if u < mix:

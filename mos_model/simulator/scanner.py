@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from mos_model.simulator import ground, placing, raycast, rays, returns
+from mos_model.simulator import airborne, ground, placing, raycast, rays, returns
 from mos_model.simulator.rig import Rig
 from mos_model.simulator.scene import Scene
+from mos_model.simulator.weather import Weather, spray
 
-SURFACE_LABELS = np.array((40, 60, 48, 72, 49), np.uint32)  # of ROAD, MARKING, SIDEWALK, TERRAIN, PAVED
+SURFACE_LABELS = np.array((40, 60, 48, 72, 49, 99), np.uint32)  # of ROAD, MARKING, SIDEWALK, TERRAIN, PAVED, AIR
 # Share of returns lost, by material: MATT, FACADE, BARS, MESH, FOLIAGE, PAINT, CABIN, CLOTH, METAL.
 MATERIAL_LOSS = np.array((0.0, 0.01, 0.04, 0.08, 0.03, 0.03, 0.03, 0.01, 0.01))
 RADII = 1.6 * 1.035 ** np.arange(125)  # m, where the ground is looked up along a column
@@ -15,10 +16,11 @@ LOW = 1.2
 
 
 class Scanner:
-    """A rig with the buffers of its sweeps."""
+    """A rig in its weather, with the buffers of its sweeps."""
 
-    def __init__(self, rig: Rig) -> None:
-        self.rig = rig
+    def __init__(self, rig: Rig, weather: Weather) -> None:
+        self.rig, self.weather = rig, weather
+        self._albedo = np.append(rig.albedo, weather.albedo)
         columns, beams = rig.profile.azimuth_steps, rig.profile.beams
         self._tangents = np.tan(rig.elevation)
         self._rays = np.empty((columns, beams, 3), np.float32)
@@ -61,13 +63,30 @@ class Scanner:
             scene.prims, scene.boxes, order, scene.velocity, self._rays, self._slope, *shot, self._phase, rig.drop,
             self._tangents, states, duration, seed[2], self._depth, self._hit, self._cosine,
         )  # fmt: skip
+        if self.weather.kind != "clear":
+            self._cast_air(scene, states[1], seed[4])
         report: tuple[np.ndarray, np.ndarray] = returns.report(
-            self._depth, self._hit, self._cosine, scene.prims, scene.labels, SURFACE_LABELS, rig.albedo, MATERIAL_LOSS,
-            local, self._rays, rig.drop, self._restoring(guess), rig.hidden, rig.bias,
-            np.array((profile.min_range, profile.max_range)), rig.noise, rig.sensitivity, rig.loss,
-            rig.stray if imperfect else 0.0, profile.remission_step, imperfect, seed[3],
+            self._depth, self._hit, self._cosine, scene.prims, scene.labels, SURFACE_LABELS, self._albedo,
+            MATERIAL_LOSS, local, self._rays, rig.drop, self._restoring(guess), rig.hidden, rig.bias,
+            np.array((profile.min_range, profile.max_range)), rig.noise, rig.sensitivity,
+            self.weather.extinction, rig.loss, rig.stray if imperfect else 0.0,
+            profile.remission_step, imperfect, seed[3],
         )  # fmt: skip
         return report
+
+    def _cast_air(self, scene: Scene, state: np.ndarray, seed: int) -> None:
+        """What firings meet in the air before their targets."""
+        air, drop, found = self.weather, self.rig.drop, (self._depth, self._hit, self._cosine)
+        drift = np.array(air.wind) * (scene.frame / self.rig.profile.rate)
+        near = max(air.near, self.rig.profile.min_range)
+        airborne.cast_haze(
+            self._rays, self._origin, drop, air.thickness, air.cell, drift, air.share, air.gain, near, air.scale,
+            air.reach, air.outshone, seed, *found,
+        )  # fmt: skip
+        puffs = np.concatenate([air.puffs + np.array((*drift, 0, 0)), spray(air, scene, state)])
+        airborne.cast_puffs(
+            self._rays, self._origin, self._level, drop, puffs, air.thickness, air.cell, drift, near, seed >> 1, *found
+        )
 
     def _restoring(self, guess: np.ndarray | None) -> np.ndarray:
         """(columns, 3, 4) what takes a point measured at a column to the frame of the scan."""

@@ -16,7 +16,7 @@ class Scene:
     """Primitives, their boxes, and the velocity and label of each object; objects of the world come first."""
 
     def __init__(self, world: World, tracks: list[Track]) -> None:
-        self.world, self.tracks = world, tracks
+        self.world, self.tracks, self.frame = world, tracks, 0
         self._first = np.cumsum([len(world.prims), *(len(track.shape) for track in tracks)])
         self._objects = len(world.labels)  # that stand still for ever
         self.prims = np.zeros((int(self._first[-1]), COLUMNS))
@@ -36,6 +36,7 @@ class Scene:
 
     def move_to(self, k: int) -> None:
         """Put the traffic where it is at frame k."""
+        self.frame = k
         for i, track in enumerate(self.tracks):
             x, y, yaw, speed, walked = track.states[k].tolist()
             pose = np.array((x, y, self.world.terrain.height_at(x, y), yaw))

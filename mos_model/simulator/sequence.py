@@ -17,6 +17,7 @@ from mos_model.simulator.settings import Conditions, SimulationSettings, draw_co
 from mos_model.simulator.streets import STYLES
 from mos_model.simulator.terrain import Terrain
 from mos_model.simulator.traffic import Traffic
+from mos_model.simulator.weather import draw_weather
 from mos_model.simulator.world import World
 from runtime.errors import SettingError
 from runtime.sensors.registry import DEFAULT_SENSOR, find_sensor
@@ -70,8 +71,10 @@ class Simulation:
         self.world = World(rng, style, drive.roads, terrain, way, mounting.body)
         self.traffic = Traffic(rng, self.world, drive, self.conditions.density)
         self.scene = Scene(self.world, self.traffic.tracks)
-        self.scanner = Scanner(draw_rig(rng, profile, settings.sensor_variation, mounting))
-        self.states = self._sensor_states(drive)
+        rig = draw_rig(rng, profile, settings.sensor_variation, mounting)
+        self.states = self._sensor_states(drive, rig.mount)
+        self.weather = draw_weather(seed, settings, profile.beams, self.states[:, 1])
+        self.scanner = Scanner(rig, self.weather)
         self.true_poses = [true_pose(state) for state in self.states[:, 1]]
         self.poses = draw_reported(rng, self.true_poses, self.conditions.pose_noise)
         self._misjudged = 1.0 + np.array([rng.gauss(0, 0.03) for _ in range(6)])
@@ -90,6 +93,7 @@ class Simulation:
         guess = states[1] + (states - states[1]) * self._misjudged if motion == "compensated" else None
         duration = 0.0 if motion == "off" else 1.0 / self.profile.rate
         seeds = np.random.default_rng((self.seed, k)).integers(1, 2**62, 4).tolist()
+        seeds.append(Random(f"weather {self.seed} {k}").getrandbits(62))
         self.scene.move_to(k)
         points, labels = self.scanner.scan(self.scene, states, guess, duration, self.settings.imperfections, seeds)
         if self.settings.origin_point:
@@ -97,10 +101,10 @@ class Simulation:
             labels = np.concatenate([labels, np.zeros(1, np.uint32)])
         return Frame(points, labels, self.poses[k].copy(), self.true_poses[k].copy(), float(self.times[k]))
 
-    def _sensor_states(self, drive: Drive) -> np.ndarray:
+    def _sensor_states(self, drive: Drive, mount: np.ndarray) -> np.ndarray:
         """(frames, 3, 6) x, y, z, yaw, pitch, roll of the sensor at start, middle and end of each sweep."""
         half = 0.0 if self.conditions.scan_motion == "off" else 0.5 / self.profile.rate
         times = (self.times[:, None] + np.array((-half, 0.0, half))).ravel()
-        states = drive.states(times, self.world.terrain, self.scanner.rig.mount)
+        states = drive.states(times, self.world.terrain, mount)
         states[:, 3] = np.unwrap(states[:, 3])
         return states.reshape(len(self), 3, 6)

@@ -8,6 +8,7 @@ from runtime.errors import SettingError
 STREETS = ("residential", "urban", "highway", "country", "open")
 EGO_MOTIONS = ("standing", "slow", "cruise", "stop_and_go", "pull_away", "turning")
 SCAN_MOTIONS = ("off", "on", "compensated")
+WEATHERS = ("clear", "fog", "rain", "snow", "dust")
 VERSIONS = (1, 2)
 
 
@@ -23,6 +24,7 @@ class SimulationSettings:
     sensor_variation: bool = True  # mount, beam pattern, noise and self-occlusion vary by sequence
     imperfections: bool = True  # dropouts, mixed pixels, range noise, stray points
     origin_point: bool = False  # one point at the origin ends every scan, as in raw KITTI files
+    weather: str = "random"  # one of WEATHERS; what is random is clear in version 1
     version: int = 1  # 1: cars in streets; 2: more kinds of mounts, people and places
     mount_height: float | None = None  # m above the ground
     pitch: float | None = None  # degrees, nose down
@@ -31,7 +33,8 @@ class SimulationSettings:
     def __post_init__(self) -> None:
         if self.version not in VERSIONS:
             raise SettingError(f"simulation version must be one of {VERSIONS}, not {self.version!r}")
-        for name, known in (("street", STREETS), ("ego", EGO_MOTIONS), ("scan_motion", SCAN_MOTIONS)):
+        choices = {"street": STREETS, "ego": EGO_MOTIONS, "scan_motion": SCAN_MOTIONS, "weather": WEATHERS}
+        for name, known in choices.items():
             if getattr(self, name) not in (*known, "random"):
                 raise SettingError(
                     f"simulation {name} must be 'random' or one of {', '.join(known)}, not {getattr(self, name)!r}"

@@ -72,7 +72,7 @@ def test_somebody_elses_folder_is_left_alone(tmp_path, capsys):
 
 
 def test_simulate_says_what_it_wrote(tmp_path, capsys):
-    arguments = [str(tmp_path / "data"), "--frames", "2", "--sensor", "vlp16"]
+    arguments = [str(tmp_path / "data"), "--frames", "2", "--sensor", "vlp16", "--weather", "fog"]
     assert run_alone(simulate, "mos simulate", arguments) == 0
     assert f"{tmp_path / 'data'}: 2 scans in 1 sequences, " in capsys.readouterr().out
     assert run_alone(simulate, "mos simulate", arguments) == 1

@@ -162,6 +162,8 @@ def test_returned_arrays_are_the_callers_own():
         ((0, 3), {"movers": -1}),
         ((0, 3), {"pose_noise": float("nan")}),
         ((0, 3), {"traffic": 3}),
+        ((0, 3), {"weather": "hail"}),
+        ((0, 3), {"version": 3}),
     ],
 )
 def test_bad_settings_raise(arguments, settings):
