@@ -6,6 +6,8 @@ from mos_model.simulator.airborne import AIR
 from runtime.classes import MOVING_LABEL
 from runtime.compute.jit import fast_kernel, inlined
 
+BODY = -8  # what `hit` says of a firing that ended on the carrier of the sensor
+
 
 @inlined
 def _next(state):  # type: ignore[no-untyped-def]
@@ -43,8 +45,8 @@ def report(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Points (n, 4) float32 in the sensor frame and labels (n,) uint32, laser by laser, azimuth from 0 up.
 
-    `label` (objects,) of the primitives' objects; `ground_label`, `ground_albedo` by surface class, what is in
-    the air comes last; `extinction` 1/m of the light;
+    `label` (objects,) of the primitives' objects; `ground_label`, `ground_albedo` by surface class, then
+    of what is in the air and of the carrier; `extinction` 1/m of the light;
     `material_loss` (materials,) share of returns lost; `restore` (columns, 3, 4) takes what was measured at a
     column to the scan's frame; `hidden` (columns, beams) what the vehicle itself hides; `bias` (beams,) m;
     `limits` least and greatest range; `noise` m; `loss` and `stray` shares of firings without or with a
@@ -82,7 +84,7 @@ def report(  # type: ignore[no-untyped-def]
                         ground_albedo[-2 - k],
                         -np.float64(world[c, b, 2]),
                     )
-                    angle = max(angle, 0.0) if k != AIR else np.float64(cosine[c, b])
+                    angle = max(angle, 0.0) if k > AIR else np.float64(cosine[c, b])
                 if imperfect and k != AIR:
                     power = albedo * angle / (t * t * sensitivity)
                     if extinction > 0.0:

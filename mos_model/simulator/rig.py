@@ -10,6 +10,7 @@ from mos_model.simulator.mounting import Mounting
 from runtime.sensors.sensor import Sensor
 
 AS_USUAL = Mounting()
+HIDDEN = -1.0
 
 
 @dataclass(frozen=True)
@@ -22,13 +23,16 @@ class Rig:
     offset: np.ndarray  # (beams,) radians, azimuth of the beam beside that of the firing
     bias: np.ndarray  # (beams,) m, constant range error
     drop: np.ndarray  # (beams,) m, by which the optics sit below the sensor's origin
-    hidden: np.ndarray  # (columns, beams) bool, rays that end on the vehicle itself
+    body: np.ndarray  # (columns, beams) float32 m to the vehicle itself; HIDDEN: ends there without return, inf: passes
+    nearest: float  # m, there is no return from less
     noise: float  # m, of a range
     loss: float  # share of firings without return
     stray: float  # share of firings with a senseless return
     sensitivity: float  # see Sensor
     albedo: np.ndarray  # (surfaces,) of the ground
     rough: np.ndarray  # (surfaces,) m, height of what grows on it
+    body_cosine: np.ndarray | None = None  # (columns, beams) float32, of incidence on the vehicle; None: out of view
+    body_albedo: float = 0.3
 
 
 def draw_rig(rng: Random, profile: Sensor, vary: bool, mounting: Mounting = AS_USUAL) -> Rig:
@@ -38,12 +42,12 @@ def draw_rig(rng: Random, profile: Sensor, vary: bool, mounting: Mounting = AS_U
     elevation = np.radians(np.array(profile.elevations))
     drop = -np.repeat(np.array(profile.lifts), profile.beams // len(profile.lifts))
     albedo, rough = np.array((0.2, 0.6, 0.3, 0.35, 0.25)), np.array((0.0, 0.0, 0.0, 0.1, 0.0))
-    hidden = np.zeros((profile.azimuth_steps, profile.beams), np.bool_)
+    body = np.full((profile.azimuth_steps, profile.beams), np.inf, np.float32)
     if not vary:
         mount = _mount(mounting, profile.mount_height, 0.0, 0.0)
         return Rig(
-            profile, mount, elevation, np.zeros(profile.beams), bias, drop, hidden, profile.range_noise,
-            profile.dropout, 0.0, profile.sensitivity, albedo, rough,
+            profile, mount, elevation, np.zeros(profile.beams), bias, drop, body, profile.min_range,
+            profile.range_noise, profile.dropout, 0.0, profile.sensitivity, albedo, rough,
         )  # fmt: skip
     middle = elevation.mean()
     elevation = middle + (elevation - middle) * (1 + 0.03 * noise.uniform(-1, 1))
@@ -53,7 +57,7 @@ def draw_rig(rng: Random, profile: Sensor, vary: bool, mounting: Mounting = AS_U
     rough[3] = rng.choice((0.03, 0.1, 0.2, 0.35))
     if profile.self_hidden and rng.random() < 0.8:
         hidden = _draw_hidden(rng, profile, elevation)
-        hidden = np.roll(hidden, -round(mounting.yaw / (2 * math.pi) * profile.azimuth_steps), axis=0)
+        body[np.roll(hidden, -round(mounting.yaw / (2 * math.pi) * profile.azimuth_steps), axis=0)] = HIDDEN
     return Rig(
         profile=profile,
         mount=_mount(mounting, profile.mount_height + rng.uniform(-0.15, 0.25), *tilt),
@@ -61,7 +65,8 @@ def draw_rig(rng: Random, profile: Sensor, vary: bool, mounting: Mounting = AS_U
         offset=np.radians(noise.uniform(-0.1, 0.1, profile.beams)),
         bias=bias,
         drop=drop,
-        hidden=hidden,
+        body=body,
+        nearest=profile.min_range,
         noise=profile.range_noise * rng.choice((0.6, 0.8, 1.0, 1.0, 1.8)),
         loss=profile.dropout * rng.choice((0.2, 0.5, 1.0, 1.0, 4.0)),
         stray=rng.choice((0.0, 0.0, 2e-5, 2e-4)),

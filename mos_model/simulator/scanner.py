@@ -7,7 +7,7 @@ from mos_model.simulator.rig import Rig
 from mos_model.simulator.scene import Scene
 from mos_model.simulator.weather import Weather, spray
 
-SURFACE_LABELS = np.array((40, 60, 48, 72, 49, 99), np.uint32)  # of ROAD, MARKING, SIDEWALK, TERRAIN, PAVED, AIR
+SURFACE_LABELS = np.array((40, 60, 48, 72, 49, 99, 99), np.uint32)  # ROAD, MARKING, SIDEWALK, TERRAIN, PAVED, AIR, BODY
 # Share of returns lost, by material: MATT, FACADE, BARS, MESH, FOLIAGE, PAINT, CABIN, CLOTH, METAL.
 MATERIAL_LOSS = np.array((0.0, 0.01, 0.04, 0.08, 0.03, 0.03, 0.03, 0.01, 0.01))
 RADII = 1.6 * 1.035 ** np.arange(125)  # m, where the ground is looked up along a column
@@ -20,7 +20,9 @@ class Scanner:
 
     def __init__(self, rig: Rig, weather: Weather) -> None:
         self.rig, self.weather = rig, weather
-        self._albedo = np.append(rig.albedo, weather.albedo)
+        self._albedo = np.append(rig.albedo, (weather.albedo, rig.body_albedo))
+        self._hidden = rig.body < rig.nearest
+        self._body = np.where(self._hidden, np.float32(np.inf), rig.body)
         columns, beams = rig.profile.azimuth_steps, rig.profile.beams
         self._tangents = np.tan(rig.elevation)
         self._rays = np.empty((columns, beams, 3), np.float32)
@@ -63,12 +65,16 @@ class Scanner:
             scene.prims, scene.boxes, order, scene.velocity, self._rays, self._slope, *shot, self._phase, rig.drop,
             self._tangents, states, duration, seed[2], self._depth, self._hit, self._cosine,
         )  # fmt: skip
+        if rig.body_cosine is not None:
+            nearer = self._body < self._depth
+            self._depth[nearer], self._hit[nearer] = self._body[nearer], returns.BODY
+            self._cosine[nearer] = rig.body_cosine[nearer]
         if self.weather.kind != "clear":
             self._cast_air(scene, states[1], seed[4])
         report: tuple[np.ndarray, np.ndarray] = returns.report(
             self._depth, self._hit, self._cosine, scene.prims, scene.labels, SURFACE_LABELS, self._albedo,
-            MATERIAL_LOSS, local, self._rays, rig.drop, self._restoring(guess), rig.hidden, rig.bias,
-            np.array((profile.min_range, profile.max_range)), rig.noise, rig.sensitivity,
+            MATERIAL_LOSS, local, self._rays, rig.drop, self._restoring(guess), self._hidden, rig.bias,
+            np.array((rig.nearest, profile.max_range)), rig.noise, rig.sensitivity,
             self.weather.extinction, rig.loss, rig.stray if imperfect else 0.0,
             profile.remission_step, imperfect, seed[3],
         )  # fmt: skip
@@ -78,7 +84,7 @@ class Scanner:
         """What firings meet in the air before their targets."""
         air, drop, found = self.weather, self.rig.drop, (self._depth, self._hit, self._cosine)
         drift = np.array(air.wind) * (scene.frame / self.rig.profile.rate)
-        near = max(air.near, self.rig.profile.min_range)
+        near = max(air.near, self.rig.nearest)
         airborne.cast_haze(
             self._rays, self._origin, drop, air.thickness, air.cell, drift, air.share, air.gain, near, air.scale,
             air.reach, air.outshone, seed, *found,

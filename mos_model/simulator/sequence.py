@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mos_model.simulator.carrier import draw_body
 from mos_model.simulator.drive import Drive
 from mos_model.simulator.mounting import draw_mounting
 from mos_model.simulator.odometry import draw_reported, true_pose
@@ -71,7 +72,7 @@ class Simulation:
         self.world = World(rng, style, drive.roads, terrain, way, mounting.body)
         self.traffic = Traffic(rng, self.world, drive, self.conditions.density)
         self.scene = Scene(self.world, self.traffic.tracks)
-        rig = draw_rig(rng, profile, settings.sensor_variation, mounting)
+        rig = draw_body(seed, settings, draw_rig(rng, profile, settings.sensor_variation, mounting))
         self.states = self._sensor_states(drive, rig.mount)
         self.weather = draw_weather(seed, settings, profile.beams, self.states[:, 1])
         self.scanner = Scanner(rig, self.weather)

@@ -25,6 +25,7 @@ class SimulationSettings:
     imperfections: bool = True  # dropouts, mixed pixels, range noise, stray points
     origin_point: bool = False  # one point at the origin ends every scan, as in raw KITTI files
     weather: str = "random"  # one of WEATHERS; what is random is clear in version 1
+    body: bool | None = None  # whether the sensor sees what carries it; None: drawn in version 2, not in version 1
     version: int = 1  # 1: cars in streets; 2: more kinds of mounts, people and places
     mount_height: float | None = None  # m above the ground
     pitch: float | None = None  # degrees, nose down
