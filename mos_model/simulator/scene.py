@@ -38,14 +38,15 @@ class Scene:
         """Put the traffic where it is at frame k."""
         self.frame = k
         for i, track in enumerate(self.tracks):
-            x, y, yaw, speed, walked = track.states[k].tolist()
-            pose = np.array((x, y, self.world.terrain.height_at(x, y), yaw))
-            place(self._shapes[i], pose, walked, self.prims, int(self._first[i]))
+            x, y, yaw, speed, walked, lift, vigour, stir = track.states[k].tolist()
+            pose = np.array((x, y, self.world.terrain.height_at(x, y) + lift, yaw))
+            place(self._shapes[i], pose, walked, vigour, self.prims, int(self._first[i]))
             before, after = track.states[max(k - 1, 0)], track.states[min(k + 1, len(track.states) - 1)]
             way = after[:2] - before[:2]
             self.velocity[self._objects + i] = speed * way / max(float(np.hypot(*way)), 1e-9)
             standing, moving = track.labels
-            label = moving if speed > MOVING_SPEED else standing if speed < STANDING_SPEED else 0
+            fastest = max(speed, stir)
+            label = moving if fastest > MOVING_SPEED else standing if fastest < STANDING_SPEED else 0
             self.labels[self._objects + i] = label | self.instance(i) << 16
         first = len(self.world.prims)
         self.boxes[first:] = bounds(self.prims[first:])

@@ -17,7 +17,9 @@ from mos_model.simulator.scene import Scene
 from mos_model.simulator.settings import Conditions, SimulationSettings, draw_conditions
 from mos_model.simulator.streets import STYLES
 from mos_model.simulator.terrain import Terrain
-from mos_model.simulator.traffic import Traffic
+from mos_model.simulator.traffic import MOST, Traffic
+from mos_model.simulator.variety import MOST as WIDE_MOST
+from mos_model.simulator.variety import enrich
 from mos_model.simulator.weather import draw_weather
 from mos_model.simulator.world import World
 from runtime.errors import SettingError
@@ -71,6 +73,9 @@ class Simulation:
         terrain = Terrain(rng, style, drive.roads, way[:, :2])
         self.world = World(rng, style, drive.roads, terrain, way, mounting.body)
         self.traffic = Traffic(rng, self.world, drive, self.conditions.density)
+        if settings.version > 1 and self.conditions.density > 0:
+            enrich(seed, self.traffic, self.conditions.street)
+        self.traffic.keep_apart(MOST if settings.version == 1 else WIDE_MOST)
         self.scene = Scene(self.world, self.traffic.tracks)
         rig = draw_body(seed, settings, draw_rig(rng, profile, settings.sensor_variation, mounting))
         self.states = self._sensor_states(drive, rig.mount)

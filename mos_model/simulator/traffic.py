@@ -15,6 +15,7 @@ from mos_model.simulator.world import World
 from runtime.classes import KINDS
 
 MOST = 48  # tracks in a sequence
+LONGEST = 17.0  # m, of all objects
 
 Draw = Callable[[Random], tuple[shapes.Shape, float, float]]
 
@@ -32,7 +33,8 @@ VEHICLES: tuple[tuple[Draw, tuple[int, int], float], ...] = (
 
 @dataclass
 class Track:
-    """One object and its way: states (frames, 5) x, y, yaw, speed m/s, walked m."""
+    """One object and its way: states (frames, 8) x, y, yaw, speed m/s, walked m, lift above the ground m, vigour of the
+    limbs 0..1, speed of what moves in place m/s."""
 
     shape: np.ndarray  # (n, COLUMNS) primitives in the object's frame
     labels: tuple[int, int]  # standing, moving
@@ -56,21 +58,25 @@ class Traffic:
             self._fill_ways()
             self._turn_off()
             self._fill_lanes()
-            self._keep_apart()
 
-    def _add(
+    def add(
         self, draw: Draw, labels: tuple[int, int], path: Path, start: float, speed: Speed, backwards: bool = False
     ) -> None:
+        """An object that starts at `start` m of `path`, if it comes near the sensor."""
         walked, pace = speed.at(self.times)
-        states = np.column_stack([path.at(start + walked), pace, walked])
+        states = np.column_stack([path.at(start + walked), pace, walked, np.tile((0.0, 1.0, 0.0), (len(walked), 1))])
         if backwards:
             states[:, 2] += math.pi
-        near = np.hypot(states[:, 0] - self.ego[:, 0], states[:, 1] - self.ego[:, 1]).min()
-        if near < 90.0:
+        if self.in_view(states):
             shape, length, width = draw(self.rng)
             self.tracks.append(Track(shapes.array(shape), labels, length, width, states))
 
-    def _vehicle(self) -> tuple[Draw, tuple[int, int]]:
+    def in_view(self, states: np.ndarray) -> bool:
+        """Whether an object of these states comes near enough to be seen."""
+        return bool(np.hypot(states[:, 0] - self.ego[:, 0], states[:, 1] - self.ego[:, 1]).min() < 90.0)
+
+    def vehicle(self) -> tuple[Draw, tuple[int, int]]:
+        """Some vehicle."""
         draw, labels, _ = self.rng.choices(VEHICLES, [weight for *_, weight in VEHICLES])[0]
         return draw, labels
 
@@ -86,7 +92,7 @@ class Traffic:
                 pace = np.maximum(self.drive.speed.speed + rng.gauss(0, 0.15) * (self.drive.speed.speed > 0.5), 0)
                 lag = rng.uniform(0.2, 1.0) * sign
                 speed = Speed(self.duration, pace, self.drive.speed.times - lag)
-                self._add(*self._vehicle(), self.drive.path, self.drive.start + sign * gap, speed)
+                self.add(*self.vehicle(), self.drive.path, self.drive.start + sign * gap, speed)
 
     def _fill_lanes(self) -> None:
         rng, style = self.rng, self.world.style
@@ -119,13 +125,13 @@ class Traffic:
             else:
                 speed = draw_speed(rng, "constant", rng.uniform(0.6, 3.0), self.duration)
                 step = rng.uniform(6.5, 15)
-            self._add(*self._vehicle(), path, s, speed)
+            self.add(*self.vehicle(), path, s, speed)
             s += step
 
     def _turn_off(self) -> None:
         """Vehicles that turn from one road into another."""
         rng, roads = self.rng, self.world.roads
-        for _ in range(_poisson(rng, 0.6 * self.density) if len(roads) > 1 else 0):
+        for _ in range(poisson(rng, 0.6 * self.density) if len(roads) > 1 else 0):
             pair = [roads[0], rng.choice(roads[1:])]
             rng.shuffle(pair)
             lines = []
@@ -138,18 +144,18 @@ class Traffic:
             fast = rng.uniform(2.5, 8.0)
             start = bend - rng.uniform(-0.2, 1.0) * fast * self.duration - rng.uniform(0, 8)
             speed = draw_speed(rng, rng.choice(("constant", "constant", "pull_away", "brake")), fast, self.duration)
-            self._add(*self._vehicle(), path, start, speed)
+            self.add(*self.vehicle(), path, start, speed)
 
     def _fill_ways(self) -> None:
         """People and cyclists near the street, and vehicles that manoeuvre slowly."""
         rng, style, world = self.rng, self.world.style, self.world
         feet = style.walkers * 3.0 * self.density * rng.choice((0.2, 1.0, 1.0, 2.0, 3.5))
-        for _ in range(min(_poisson(rng, feet), 40)):
+        for _ in range(min(poisson(rng, feet), 40)):
             if len(self.tracks) < MOST // 2:
                 self._walk()
-        for _ in range(min(_poisson(rng, (0.4 + 0.4 * style.walkers) * self.density), 8)):
+        for _ in range(min(poisson(rng, (0.4 + 0.4 * style.walkers) * self.density), 8)):
             self._ride()
-        for _ in range(_poisson(rng, 0.35 * self.density)):
+        for _ in range(poisson(rng, 0.35 * self.density)):
             road = world.roads[0]
             x, y, h = road.at(
                 rng.uniform(0.2, 0.8) * road.length, rng.choice((-1, 1)) * (road.half + rng.uniform(1, 8))
@@ -163,7 +169,7 @@ class Traffic:
                     rng.uniform(0.7, 3),
                     self.duration,
                 )
-                self._add(vehicles.car, CAR, Path(way), 0.0, speed, rng.random() < 0.5)
+                self.add(vehicles.car, CAR, Path(way), 0.0, speed, rng.random() < 0.5)
 
     def _ride(self) -> None:
         """A cyclist in a lane, beside it or on the sidewalk, either way, mostly near the sensor."""
@@ -177,7 +183,7 @@ class Traffic:
         fast = rng.uniform(2, 8)
         kind = rng.choices(("constant", "pull_away", "brake"), (80, 10, 10))[0]
         start = float(nearest) + rng.gauss(0, 25) - 0.5 * fast * self.duration
-        self._add(vehicles.cyclist, CYCLIST, path, start, draw_speed(rng, kind, fast, self.duration))
+        self.add(vehicles.cyclist, CYCLIST, path, start, draw_speed(rng, kind, fast, self.duration))
 
     def _walk(self) -> None:
         """One person, or a few together, along the street, across it or anywhere."""
@@ -212,20 +218,26 @@ class Traffic:
             path = Path(middle + np.array((shift[0] * c - shift[1] * s, shift[0] * s + shift[1] * c)))
             spots = path.at(np.linspace(1.0, along - 2.0, 7))
             if all(world.is_free(px, py, 0.0, -0.2, 0.2, 0.2) for px, py, _ in spots.tolist()):
-                self._add(lambda r: people.person(r, True), PERSON, path, 2.0, speed)
+                self.add(lambda r: people.person(r, True), PERSON, path, 2.0, speed)
 
-    def _keep_apart(self) -> None:
-        """Leave out what would drive into the sensor's vehicle or into what was drawn earlier."""
-        kept: list[Track] = []
+    def keep_apart(self, most: int = MOST) -> None:
+        """Leave out what would drive into the sensor's vehicle or into what was drawn earlier, and all but `most`."""
         long, wide = (0.8, 0.7) if self.drive.mounting.robot else (4.8, 2.0)
-        ego = Track(np.empty((0, 0)), CAR, long, wide, np.column_stack([self.ego, np.zeros((len(self.ego), 2))]))
+        ego = Track(np.empty((0, 0)), CAR, long, wide, np.column_stack([self.ego, np.zeros((len(self.ego), 5))]))
+        kept, places = [ego], np.empty((most + 1, *self.ego[:, :2].shape))
+        places[0] = self.ego[:, :2]
         for track in self.tracks:
-            if len(kept) < MOST and not any(_touch(track, other) for other in [ego, *kept]):
+            if len(kept) > most:
+                break
+            apart = np.abs(places[: len(kept)] - track.states[:, :2]).max(axis=2).min(axis=1)
+            if not any(_touch(track, kept[k]) for k in np.flatnonzero(apart < 0.5 * (track.length + LONGEST) + 1.0)):
+                places[len(kept)] = track.states[:, :2]
                 kept.append(track)
-        self.tracks = kept
+        self.tracks = kept[1:]
 
 
-def _poisson(rng: Random, mean: float) -> int:
+def poisson(rng: Random, mean: float) -> int:
+    """A number of events, `mean` on average."""
     count, left = 0, rng.expovariate(1.0)
     while left < mean:
         count, left = count + 1, left + rng.expovariate(1.0)

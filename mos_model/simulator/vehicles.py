@@ -127,7 +127,7 @@ def bicycle(rng: Random) -> tuple[Shape, float, float]:
 
 def cyclist(rng: Random) -> tuple[Shape, float, float]:
     """A bicycle with its rider."""
-    return bicycle(rng)[0] + _rider(rng, 0.92, rng.uniform(0.15, 0.8), True), 1.75, 0.6
+    return bicycle(rng)[0] + rider(rng, 0.92, rng.uniform(0.15, 0.8), True), 1.75, 0.6
 
 
 def motorcycle(rng: Random, ridden: bool) -> tuple[Shape, float, float]:
@@ -138,10 +138,11 @@ def motorcycle(rng: Random, ridden: bool) -> tuple[Shape, float, float]:
         capsule((0.65, 0, 0.3), (0.45, 0, 1.05), 0.06, METAL, 0.2),
         capsule((0.42, -0.33, 1.05), (0.42, 0.33, 1.05), 0.03, METAL, 0.2),
     ]
-    return shape + (_rider(rng, 0.82, rng.uniform(0.05, 0.5), False) if ridden else []), 2.0, 0.75
+    return shape + (rider(rng, 0.82, rng.uniform(0.05, 0.5), False) if ridden else []), 2.0, 0.75
 
 
-def _rider(rng: Random, seat: float, lean: float, pedals: bool) -> Shape:
+def rider(rng: Random, seat: float, lean: float, pedals: bool) -> Shape:
+    """Somebody on a saddle of height `seat` m, leaning forward by `lean` radians."""
     dark, k = rng.choice((0.05, 0.15, 0.3, 0.5)), rng.uniform(0.9, 1.08)
     top = (0.55 * k * math.sin(lean) - 0.15, 0.0, seat + 0.55 * k * math.cos(lean))
     shape = [

@@ -30,6 +30,7 @@ class World:
         self._plan = np.zeros([int(n / PLAN) for n in terrain.edge.shape], np.bool_)
         self._rows: list[np.ndarray] = []
         self._labels: list[int] = []
+        self.placed: list[tuple[int, float, float, float, Foot]] = []  # label, x, y, yaw and foot of each object
         passed = self._passed(way, *body)
         self._plan |= passed
         for road in roads:
@@ -77,10 +78,11 @@ class World:
             return False
         rows = shapes.array(shape)
         out = np.empty_like(rows)
-        place(rows, np.array((x, y, self.terrain.height_at(x, y), yaw)), 0.0, out, 0)
+        place(rows, np.array((x, y, self.terrain.height_at(x, y), yaw)), 0.0, 1.0, out, 0)
         out[:, 15] = len(self._labels)
         self._rows.append(out)
         self._labels.append(label | (len(self._labels) + 1 & 0xFFFF) << 16)
+        self.placed.append((label, x, y, yaw, foot))
         return True
 
     def add_vehicle(self, x: float, y: float, yaw: float, clear: float = 0.5) -> bool:

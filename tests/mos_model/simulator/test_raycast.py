@@ -124,7 +124,7 @@ def test_limbs_swing_as_the_person_walks():
     person = shapes.array(people.person(Random(1), True)[0])
     out = np.empty((2, *person.shape))
     for k, walked in enumerate((0.2, 0.6)):
-        placing.place(person, np.array((1.0, 2.0, 0.0, 0.5)), walked, out[k], 0)
+        placing.place(person, np.array((1.0, 2.0, 0.0, 0.5)), walked, 1.0, out[k], 0)
     limbs = person[:, 19] != 0
     assert limbs.sum() == 4
     assert (np.abs(out[0, limbs, 9] - out[1, limbs, 9]) > 0.01).all()

@@ -29,6 +29,23 @@ def test_the_same_seed_gives_the_same_data_in_any_order():
     assert simulate(8, 1)[0].points.shape != one[0].points.shape
 
 
+@pytest.mark.parametrize(
+    ("seed", "sensor", "prims", "tracks", "points", "moving"),
+    [
+        (41, "vlp16", 1324, 37, 23185, 1041),
+        (43, "hdl32e", 1788, 45, 61836, 803),
+        (60, "hdl64e", 1104, 36, 118049, 5720),
+    ],
+)
+def test_version_1_stays_as_it_was(seed, sensor, prims, tracks, points, moving):
+    """Recorded when there was one version; the last digits are a matter of the processor."""
+    drive = simulate(seed, 4, sensor)
+    frame = drive[3]
+    assert (len(drive.scene.prims), len(drive.traffic.tracks)) == (prims, tracks)
+    assert len(frame.points) == pytest.approx(points, rel=1e-4)
+    assert ((frame.labels & 0xFFFF) > 250).sum() == pytest.approx(moving, rel=1e-3)
+
+
 def test_a_scan_is_what_a_reader_expects():
     drive = simulate(11, 3)
     assert len(drive) == 3
