@@ -10,6 +10,7 @@ from runtime.commands.options import (
     Bundle,
     Calib,
     Columns,
+    Extrinsics,
     Frame,
     Input,
     Names,
@@ -37,6 +38,7 @@ def doctor(
     poses: Poses = None,
     frame: Frame = None,
     calib: Calib = None,
+    extrinsics: Extrinsics = None,
     topic: Topic = None,
     pose_topic: PoseTopic = None,
     columns: Columns = None,
@@ -51,7 +53,14 @@ def doctor(
     found = find_recordings(path, tuple(names or ()))
     with wrong_usage():
         options = Options(
-            poses, calib, frame, topic=topic, pose_topic=pose_topic, columns=columns, remission_scale=remission_scale
+            poses,
+            calib,
+            frame,
+            topic=topic,
+            pose_topic=pose_topic,
+            extrinsics=extrinsics,
+            columns=columns,
+            remission_scale=remission_scale,
         )
         check_options(found, options)
     sensor = _sensor(bundle)

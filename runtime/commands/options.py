@@ -51,6 +51,13 @@ Frame = Annotated[
         "--pose-frame", help="The poses are those of KITTI's camera or of the LiDAR itself.", show_default="camera"
     ),
 ]
+Extrinsics = Annotated[
+    str | None,
+    typer.Option(
+        help="Where the LiDAR sits in the frame of the poses: 'x y z qx qy qz qw' or a matrix, or a file of them.",
+        show_default="as the recording says",
+    ),
+]
 Topic = Annotated[str | None, typer.Option(help="Topic of the points in a bag.", show_default="the only one")]
 PoseTopic = Annotated[
     str | None,

@@ -12,6 +12,7 @@ from runtime.commands.options import (
     Bundle,
     Calib,
     Columns,
+    Extrinsics,
     Frame,
     Input,
     Poses,
@@ -55,6 +56,7 @@ def view(
     poses: Poses = None,
     frame: Frame = None,
     calib: Calib = None,
+    extrinsics: Extrinsics = None,
     topic: Topic = None,
     pose_topic: PoseTopic = None,
     columns: Columns = None,
@@ -81,7 +83,14 @@ def view(
         check_display(out)
     with wrong_usage():
         options = Options(
-            poses, calib, frame, topic=topic, pose_topic=pose_topic, columns=columns, remission_scale=remission_scale
+            poses,
+            calib,
+            frame,
+            topic=topic,
+            pose_topic=pose_topic,
+            extrinsics=extrinsics,
+            columns=columns,
+            remission_scale=remission_scale,
         )
         opened = open_recording(path, options, name)
     with counted("scans") as progress:

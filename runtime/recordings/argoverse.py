@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from runtime.errors import PoseError, ScanError, SequenceError
+from runtime.errors import PoseError, ScanError, SequenceError, SettingError
 from runtime.recordings.formats.feather import read_columns
 from runtime.recordings.pose_files import ScanPoses, Times, checked, read_file_poses
 from runtime.recordings.pose_table import from_quaternions
@@ -49,6 +49,8 @@ def open_at(path: Path, options: Options) -> ScanFiles:
     times = np.array([int(file.stem) / 1e9 for file in used])
     log.info("%s: its points are those of two LiDARs, taken as if the upper one had seen them all", path)
     mount, found = _mount(path), None
+    if options.extrinsics and not options.poses:
+        raise SettingError(f"{path}: says itself where its LiDAR sits: leave out `extrinsics`")
     if options.poses and not options.points_only:
         found = read_file_poses(path, used, replace(options, frame=options.frame or "lidar"), times)
     elif not options.points_only:

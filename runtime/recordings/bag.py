@@ -11,6 +11,7 @@ from typing import Any
 from runtime.compute.packages import ROSBAGS, need_package
 from runtime.errors import MosWarning, ScanError, SequenceError
 
+TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")  # the second of old bags of ROS 1
 NOTE = "metadata.yaml"  # of a folder that is a bag of ROS 2
 ROS1, MCAP, SQLITE = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 MAGIC = {".bag": ROS1, ".mcap": MCAP, ".db3": SQLITE}
@@ -48,10 +49,13 @@ class Bag:
         """Raises SequenceError, MissingPackageError."""
         need_package(ROSBAGS, f"{path}: a bag of ROS")
         from rosbags import rosbag1, rosbag2
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
         self.path, self.ros1 = path, path.suffix == ".bag" and path.is_file()
         self._types = get_typestore(Stores.ROS1_NOETIC if self.ros1 else Stores.ROS2_HUMBLE)
+        for kind in TF:  # which ROS 1 has in a package of its own
+            if kind not in self._types.types:
+                self._types.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", kind))
         try:
             self._reader: Any = (rosbag1 if self.ros1 else rosbag2).Reader(path)
             self._reader.open()

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from runtime.errors import MosError, MosWarning, PoseError, SequenceError, some
 from runtime.recordings.calib import read_calib
+from runtime.recordings.extrinsics import mounted, read_extrinsics
 from runtime.recordings.pose_table import read_pose_table
 from runtime.recordings.poses import Pose, Poses, camera_to_lidar, check_pose, with_nearest_rotations
 from runtime.recordings.recording import Options
@@ -28,26 +29,32 @@ class PoseFiles:
     """Where the poses of a recording come from."""
 
     poses: Path
-    calib: Path | None  # None: the poses are the LiDAR's own
+    calib: Path | None  # None: the poses are no camera's
+    extrinsics: str | Path | None = None  # where the LiDAR sits in the frame of the poses; None: they are its own
 
     @property
     def frame(self) -> str:
         return "lidar" if self.calib is None else "camera"
 
     def lidar_poses(self, raw: Poses) -> Poses:
-        """T_world_lidar (T, 4, 4) of the poses as they stand in the file. Raises PoseError."""
+        """T_world_lidar (T, 4, 4) of the poses as they stand in the file. Raises PoseError, SettingError."""
+        if self.extrinsics is not None:
+            return raw @ read_extrinsics(self.extrinsics)
         return raw if self.calib is None else camera_to_lidar(raw, read_calib(self.calib))
 
     def origin(self, folder: Path) -> str:
         """Words that change when other files are named, and not when all of it is moved."""
         files = [self.poses] if self.calib is None else [self.poses, self.calib]
-        return f"{' and '.join(_from(folder, file) for file in files)}, {self.frame}"
+        frame = self.frame if self.extrinsics is None else mounted(self.extrinsics)
+        return f"{' and '.join(_from(folder, file) for file in files)}, {frame}"
 
     def readings(self, raw: Poses, folder: Path) -> dict[str, Poses]:
         """See `Indexed.other_poses`."""
         inverted: Poses = np.linalg.inv(raw).astype(np.float64)
         if self.calib is not None:
             return {"lidar": raw, "inverse": self.lidar_poses(inverted)}
+        if self.extrinsics is not None:
+            return {"inverse": self.lidar_poses(inverted)}
         try:
             tr: Pose = read_calib(folder / "calib.txt")
         except PoseError:
@@ -65,8 +72,8 @@ def find_pose_files(folder: Path, options: Options) -> PoseFiles:
     if pose_file is None:
         looked = options.poses or f"{usual[0]} or {usual[1]}"
         raise PoseError(f"no poses: {looked} does not exist; name the file (`poses`)")
-    if options.frame == "lidar":
-        return PoseFiles(pose_file, None)
+    if options.frame == "lidar" or options.extrinsics is not None:
+        return PoseFiles(pose_file, None, options.extrinsics)
     calib_file = _first_file([options.calib or folder / "calib.txt"])
     if calib_file is None:
         raise PoseError(
@@ -128,7 +135,9 @@ def checked(poses: Poses, broken: dict[int, str], names: list[str], skip_broken:
             except PoseError as error:
                 broken[index] = str(error)
     if broken and not skip_broken:
-        raise PoseError(some(list(broken.values()), most=1))
+        raise PoseError(
+            f"{some(list(broken.values()), most=1)}. Such scans can be left without a label (`skip_broken`)"
+        )
     return poses, broken
 
 

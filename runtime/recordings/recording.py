@@ -54,6 +54,8 @@ class Options:
     points_only: bool = False  # leave out poses and times, whatever state they are in
     topic: str | None = None  # of the clouds in a bag; None: the only one
     pose_topic: str | None = None  # of the poses in a bag; None: the only odometry in the frame of the points
+    # where the LiDAR sits in the frame whose poses these are, see `read_extrinsics`; None: as the format has it
+    extrinsics: str | Path | None = None
     columns: int | None = None  # numbers a point in files of raw numbers; None: as they show
     remission_scale: float | None = None  # what full remission is in the files; None: as the first scans show
     skip_broken: bool = False  # a broken pose is an error of its scan, not of the recording
@@ -63,6 +65,8 @@ class Options:
             raise SettingError(f"`frame` must be camera or lidar, not {self.frame!r}")
         if self.frame == "lidar" and self.calib:
             raise SettingError(f"poses of the LiDAR need no calibration: leave out `calib` ({self.calib}), or `frame`")
+        if self.extrinsics and (self.calib or self.frame == "camera"):
+            raise SettingError("poses are of a camera or of what `extrinsics` is given for: leave out one of the two")
         if self.poses and self.pose_topic:
             raise SettingError("poses are from a file (`poses`) or a topic (`pose_topic`): leave out one of the two")
         if self.limit is not None and self.limit < 1:

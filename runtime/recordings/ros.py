@@ -16,8 +16,9 @@ from runtime.recordings.pose_files import ScanPoses, Times, read_file_poses
 from runtime.recordings.poses import Poses
 from runtime.recordings.recording import Indexed, Options, Scan
 from runtime.recordings.remission import FIRST, Remission
-from runtime.recordings.ros_poses import CLOUD, choose_topic, read_topic_poses
+from runtime.recordings.ros_poses import read_topic_poses
 from runtime.recordings.ros_stamps import Stamps
+from runtime.recordings.ros_topics import CLOUD, choose_topic
 
 TITLE = "a bag of ROS 1 or 2 (.bag, .db3, .mcap)"
 

@@ -1,114 +1,146 @@
-"""Which topic of a bag holds what, and poses from one of them."""
+"""Poses of the scans of a bag: from its odometry, its TF, or a topic that is named."""
 
 import logging
 import warnings
 from collections.abc import Iterator
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
-from runtime.errors import MosWarning, PoseError, SequenceError, some
-from runtime.recordings.bag import Bag
+from runtime.errors import MosWarning, PoseError, SequenceError
+from runtime.recordings.bag import Bag, Message
+from runtime.recordings.extrinsics import mounted, read_extrinsics
 from runtime.recordings.pose_files import ScanPoses, Times, checked
 from runtime.recordings.pose_table import from_quaternions
-from runtime.recordings.poses import Poses
+from runtime.recordings.poses import Pose, Poses
 from runtime.recordings.recording import Options
+from runtime.recordings.ros_tf import Frames, plain, tf_topics
+from runtime.recordings.ros_topics import listed
 from runtime.recordings.trajectory import poses_at
 
 log = logging.getLogger("lidar_mos.recordings")
 
-CLOUD = "sensor_msgs/msg/PointCloud2"
 ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
-DRIVER = "the driver that recorded it, which gives PointCloud2 when the bag is played"
-PACKETS = {  # messages of drivers: whose they are, and what decodes them, by how their type begins
-    "ouster": ("packets of an Ouster driver", f"ouster-sdk, or {DRIVER}"),
-    "velodyne": ("packets of a Velodyne driver", f"velodyne-decoder, or {DRIVER}"),
-    "livox": ("messages of a Livox driver", "livox_ros_driver2 with xfer_format 0, which gives PointCloud2"),
-    "hesai": ("packets of a Hesai driver", DRIVER),
-    "pandar": ("packets of a Hesai driver", DRIVER),
-    "nebula": ("packets of the Nebula driver", DRIVER),
-    "rslidar": ("packets of a RoboSense driver", DRIVER),
-}
-
-
-def choose_topic(bag: Bag, kind: str, given: str | None) -> str:
-    """The topic that is given, or the only one of this type. Raises SequenceError, listing what there is."""
-    topics = bag.topics()
-    fit = [topic for topic, (found, count) in topics.items() if found == kind and count]
-    if given is not None:
-        if given not in fit:
-            raise SequenceError(f"{bag.path}: has no {kind} on {given} (`topic`); {_listed(bag, fit)}")
-        return given
-    if len(fit) > 1:
-        raise SequenceError(f"{bag.path}: has several topics of {kind}; name one (`topic`); {_listed(bag, fit)}")
-    if fit:
-        return fit[0]
-    for topic, (found, count) in topics.items():
-        for maker, (what, decoder) in PACKETS.items():
-            if found.startswith(maker) and count:
-                raise SequenceError(
-                    f"{bag.path}: holds {what} ({found} on {topic}), no points ({kind}); decode them first: {decoder}"
-                )
-    raise SequenceError(f"{bag.path}: holds no points ({kind}); {_listed(bag, list(topics))}")
-
-
-def _listed(bag: Bag, names: list[str]) -> str:
-    topics = bag.topics()
-    there = [f"{name} ({topics[name][0]}, {topics[name][1]} messages)" for name in names]
-    return f"there are {some(there, most=12)}" if there else "there is none"
 
 
 def read_topic_poses(bag: Bag, times: Times, frame: str, options: Options) -> ScanPoses:
     """The poses of the scans at `times` (T,) s, whose points are in `frame`.
 
-    From `options.pose_topic`, or the only odometry of that frame. Raises PoseError, SequenceError; warns (MosWarning)
-    where the poses are those of another frame.
+    From `options.pose_topic`; else from the only odometry of that frame; else from TF; else from the only odometry of a
+    frame against which that one sits still, by TF or `options.extrinsics`. Raises PoseError, SequenceError, ScanError;
+    warns (MosWarning) where the poses are those of another frame.
     """
-    topics = bag.topics()
-    fit = [topic for topic, (kind, count) in topics.items() if kind in (ODOMETRY, POSE) and count]
-    if options.pose_topic is None:
-        fitting = [topic for topic in fit if topics[topic][0] == ODOMETRY and _frame(bag, topic) == frame]
-        if len(fitting) != 1:
-            raise PoseError(
-                f"{bag.path}: no poses: name a file of them (`poses`) or a topic (`pose_topic`); {_listed(bag, fit)}"
-            )
-        (topic,) = fitting
-        log.info("%s: the poses are those of %s", bag.path, topic)
+    sources = _Sources(bag, plain(frame), options)
+    topic = sources.choose() if options.pose_topic is None else options.pose_topic
+    if topic in sources.transforms:
+        raw, broken, mount, origin = sources.of_tf(times)
+    elif topic in sources.kinds:
+        raw, broken, mount, origin = sources.of_topic(topic, times)
     else:
-        topic = options.pose_topic
-        if topic not in fit:
-            raise SequenceError(f"{bag.path}: has no poses on {topic} (`pose_topic`); {_listed(bag, fit)}")
-    child = _frame(bag, topic)
-    if child != frame:
-        warnings.warn(
-            f"{bag.path}: the poses of {topic} are those of {child or 'a frame without a name'}, the points are in "
-            f"{frame}: they are taken as if both were the same",
-            MosWarning,
-            stacklevel=2,
-        )
-    rows = np.array(list(_rows(bag, topic)))
-    poses, broken = poses_at(times, rows[:, 0], from_quaternions(rows[:, 1:4], rows[:, 4:]), f"{bag.path}: {topic}")
+        raise SequenceError(f"{bag.path}: has no poses on {topic} (`pose_topic`); {sources.listed}")
     names = [f"{bag.path}: {topic}: pose at {time:.3f} s" for time in times]
-    poses, broken = checked(poses, broken, names, options.skip_broken)
-
-    def others() -> dict[str, Poses]:
-        return {"inverse": np.linalg.inv(poses).astype(np.float64)}
-
-    return ScanPoses(poses, broken, topic, others)
+    poses, broken = checked(raw @ mount, broken, names, options.skip_broken)
+    return ScanPoses(poses, broken, origin, partial(_others, raw, mount))
 
 
-def _frame(bag: Bag, topic: str) -> str:
-    """Of which frame the poses are; "" where the messages do not say."""
-    kind = bag.topics()[topic][0]
-    first = bag.decoded(next(bag.messages(topic)), kind, f"{bag.path}: {topic}")
-    return str(first.child_frame_id) if kind == ODOMETRY else ""
+def _others(raw: Poses, mount: Pose) -> dict[str, Poses]:
+    """See `Indexed.other_poses`."""
+    return {"inverse": np.linalg.inv(raw) @ mount}
 
 
-def _rows(bag: Bag, topic: str) -> Iterator[tuple[float, ...]]:
-    """Time in s, position and quaternion x y z w of each message."""
-    kind = bag.topics()[topic][0]
-    for message in bag.messages(topic):
-        content = bag.decoded(message, kind, f"{bag.path}: {topic}")
-        stamp, pose = content.header.stamp, content.pose.pose if kind == ODOMETRY else content.pose
-        time = stamp.sec + 1e-9 * stamp.nanosec
-        place, turn = pose.position, pose.orientation
-        yield (time or 1e-9 * message.received, place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+class _Sources:
+    """What a bag has of poses, and where the LiDAR sits in their frames."""
+
+    def __init__(self, bag: Bag, frame: str, options: Options) -> None:
+        self.bag, self.frame = bag, frame
+        self.kinds = {
+            topic: kind for topic, (kind, count) in bag.topics().items() if kind in (ODOMETRY, POSE) and count
+        }
+        self.transforms = tf_topics(bag)
+        self.listed = listed(bag, [*self.kinds, *self.transforms])
+        self.given = None if options.extrinsics is None else read_extrinsics(options.extrinsics)
+        self.moved = "" if options.extrinsics is None else f", {mounted(options.extrinsics)}"
+
+    def choose(self) -> str:
+        """The topic of the poses. Raises PoseError where there is none, or several."""
+        odometry = {topic: self._body(topic) for topic, kind in self.kinds.items() if kind == ODOMETRY}
+        fit = [topic for topic, body in odometry.items() if body == self.frame and self.given is None]
+        why = ""
+        if len(fit) != 1 and self.transforms:
+            why = self.frames.missing(self._sensor)
+            if not why:
+                return self.transforms[0]
+        if not fit:
+            fit = [topic for topic, body in odometry.items() if self._mount(body) is not None]
+        if len(fit) == 1:
+            log.info("%s: the poses are those of %s", self.bag.path, fit[0])
+            return fit[0]
+        advice = "name a file of them (`poses`) or a topic (`pose_topic`)"
+        raise PoseError(f"{self.bag.path}: no poses: {advice}; {self.listed}{why and f'. {why}'}")
+
+    def of_tf(self, times: Times) -> tuple[Poses, dict[int, str], Pose, str]:
+        """Poses at `times` (T,) s, those that are not known, T_body_lidar, and the origin. Raises PoseError."""
+        sensor = self._sensor
+        if sensor is None or self.frames.missing(sensor):
+            raise PoseError(self.frames.missing(sensor))
+        world = self.frames.world(sensor)
+        origin = f"{' and '.join(self.transforms)} from {world} to {sensor}{self.moved}"
+        log.info("%s: the poses are those of %s", self.bag.path, origin)
+        return *self.frames.poses(world, sensor, times), np.eye(4) if self.given is None else self.given, origin
+
+    def of_topic(self, topic: str, times: Times) -> tuple[Poses, dict[int, str], Pose, str]:
+        """The same, of odometry or poses."""
+        body, origin = self._body(topic), f"{topic}{self.moved}"
+        mount = self._mount(body)
+        if mount is None:
+            warnings.warn(
+                f"{self.bag.path}: the poses of {topic} are those of {body or 'a frame without a name'}, the points "
+                f"are in {self.frame}: they are taken as if both were the same (`extrinsics`)",
+                MosWarning,
+                stacklevel=2,
+            )
+        elif body != self.frame and self.given is None:
+            origin += f", {self.frame} in {body} by TF"
+            log.info("%s: the points are those of %s", self.bag.path, origin)
+        rows = np.array(list(self._rows(topic)))
+        poses = from_quaternions(rows[:, 1:4], rows[:, 4:])
+        return (
+            *poses_at(times, rows[:, 0], poses, f"{self.bag.path}: {topic}"),
+            np.eye(4) if mount is None else mount,
+            origin,
+        )
+
+    @cached_property
+    def frames(self) -> Frames:
+        return Frames.of(self.bag)
+
+    @property
+    def _sensor(self) -> str | None:
+        """The frame whose poses TF is to give: that of the points, or the one in which the LiDAR is said to sit."""
+        return self.frame if self.given is None else self.frames.body()
+
+    def _mount(self, body: str) -> Pose | None:
+        """T_body_lidar; None where it is not known."""
+        if self.given is not None:
+            return self.given
+        if body == self.frame:
+            return np.eye(4)
+        return self.frames.mount(body, self.frame) if self.transforms and body else None
+
+    def _body(self, topic: str) -> str:
+        """Of which frame the poses are; "" where the messages do not say."""
+        first = self._decoded(topic, next(self.bag.messages(topic)))
+        return plain(str(first.child_frame_id)) if self.kinds[topic] == ODOMETRY else ""
+
+    def _rows(self, topic: str) -> Iterator[tuple[float, ...]]:
+        """Time in s, position and quaternion x y z w of each message."""
+        for message in self.bag.messages(topic):
+            content = self._decoded(topic, message)
+            stamp, pose = content.header.stamp, content.pose.pose if self.kinds[topic] == ODOMETRY else content.pose
+            time = stamp.sec + 1e-9 * stamp.nanosec
+            place, turn = pose.position, pose.orientation
+            yield (time or 1e-9 * message.received, place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+
+    def _decoded(self, topic: str, message: Message) -> Any:
+        return self.bag.decoded(message, self.kinds[topic], f"{self.bag.path}: {topic}")

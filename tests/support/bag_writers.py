@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+TF = "tf2_msgs/msg/TFMessage"
 CLOUD, ODOMETRY, POSE = "sensor_msgs/msg/PointCloud2", "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
 KINDS = ("bag", "db3", "mcap")
 CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
@@ -17,7 +18,7 @@ class BagWriter:
 
     def __init__(self, path: Path, kind: str) -> None:
         from rosbags import rosbag1, rosbag2
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
         self.ros1 = kind == "bag"
         self.types = get_typestore(Stores.ROS1_NOETIC if self.ros1 else Stores.ROS2_HUMBLE)
@@ -27,6 +28,8 @@ class BagWriter:
             plugin = rosbag2.StoragePlugin.MCAP if kind == "mcap" else rosbag2.StoragePlugin.SQLITE3
             self.writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
         self.connections = {}
+        if self.ros1:
+            self.types.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", TF))
 
     def __enter__(self):
         self.writer.open()
@@ -104,6 +107,20 @@ class BagWriter:
         here = self.make("geometry_msgs/msg/PoseWithCovariance", pose=content, covariance=np.zeros(36))
         odometry = self.make(ODOMETRY, header=header, child_frame_id=child, pose=here, twist=still)
         self.write(topic, ODOMETRY, odometry, time)
+
+    def transform(self, pose, time, parent, child, *, topic="/tf"):
+        """T_parent_child."""
+        x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
+        place = self.make("geometry_msgs/msg/Vector3", x=pose[0, 3], y=pose[1, 3], z=pose[2, 3])
+        turn = self.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+        transform = self.make("geometry_msgs/msg/Transform", translation=place, rotation=turn)
+        stamped = self.make(
+            "geometry_msgs/msg/TransformStamped",
+            header=self.header(START + time, parent),
+            child_frame_id=child,
+            transform=transform,
+        )
+        self.write(topic, TF, self.make(TF, transforms=[stamped]), time)
 
 
 def single_file(path: Path) -> Path:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from runtime.errors import PoseError
+from runtime.errors import MosWarning, PoseError
 from runtime.recordings.pose_table import read_pose_table
 from runtime.recordings.recording import Options
 from runtime.recordings.registry import open_recording
@@ -35,12 +35,25 @@ def test_a_pose_of_the_same_time_is_taken_bit_for_bit():
     np.testing.assert_array_equal(found, poses)
 
 
-def test_never_from_before_after_or_across_a_gap():
-    found, broken = poses_at(np.array([-0.02, 0.1, 0.5, 1.2]), KNOWN, turning(KNOWN), "p.txt")
+def test_never_from_long_before_after_or_across_a_gap():
+    found, broken = poses_at(np.array([-0.12, 0.1, 0.5, 1.3]), KNOWN, turning(KNOWN), "p.txt")
     assert list(broken) == [0, 2, 3]
     assert np.isnan(found[[0, 2, 3]]).all()
-    assert broken[0] == "p.txt: has no pose at -0.020 s, the time of the scan; they go from 0.000 to 1.100 s"
+    assert broken[0] == "p.txt: has no pose at -0.120 s, the time of the scan; they go from 0.000 to 1.100 s"
     assert broken[2].endswith("none is known from 0.300 to 1.000 s")
+
+
+def test_up_to_a_step_beyond_the_motion_goes_on_which_is_said():
+    times = np.array([-0.1, 0.05, 1.15, 1.35])
+    with pytest.warns(
+        MosWarning, match=r"0.000 to 1.100 s, and the motion goes on .* scan 0 \(-0.100 s\), 2 \(1.150 s\)"
+    ):
+        found, broken = poses_at(times, KNOWN, turning(KNOWN), "p.txt")
+    np.testing.assert_allclose(found[:3], turning(times[:3]), atol=1e-12)
+    assert list(broken) == [3]
+    often = np.arange(0, 0.2, 0.01)
+    found, broken = poses_at(np.array([-0.02, 0.205]), often, turning(often), "p.txt")
+    assert list(broken) == [0, 1]
 
 
 def test_unordered_doubled_and_broken_poses():
@@ -51,7 +64,7 @@ def test_unordered_doubled_and_broken_poses():
     np.testing.assert_allclose(found, turning([0.15]), atol=1e-12)  # of 0.1 and 0.3
     assert broken == {}
     found, broken = poses_at(np.array([0.15]), KNOWN[:0], poses[:0], "p")
-    assert "there is none" in broken[0]
+    assert "no pose that can be used" in broken[0]
 
 
 @pytest.fixture
