@@ -87,7 +87,7 @@ class Scanner:
         near = max(air.near, self.rig.nearest)
         airborne.cast_haze(
             self._rays, self._origin, drop, air.thickness, air.cell, drift, air.share, air.gain, near, air.scale,
-            air.reach, air.outshone, seed, *found,
+            air.reach, air.outshone, air.surface, seed, *found,
         )  # fmt: skip
         puffs = np.concatenate([air.puffs + np.array((*drift, 0, 0)), spray(air, scene, state)])
         airborne.cast_puffs(

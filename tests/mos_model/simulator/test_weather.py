@@ -24,11 +24,12 @@ def around(depth):
     return (rays.astype(np.float32), np.zeros((COLUMNS, 3)), level, np.zeros(BEAMS)), (*found, np.zeros_like(found[0]))
 
 
-def haze(depth, thickness=EVEN, share=0.4, outshone=0.0, seed=5):
+def haze(depth, thickness=EVEN, share=0.4, outshone=0.0, surface=0.0):
     (rays, origin, _, drop), found = around(depth)
     airborne.cast_haze(
-        rays, origin, drop, thickness, 1.0, np.zeros(3), share, np.ones(BEAMS), 1.5, 4.0, 60.0, outshone, seed, *found
-    )
+        rays, origin, drop, thickness, 4.0, np.zeros(3), share, np.ones(BEAMS), 1.5, 4.0, 60.0, outshone, surface, 5,
+        *found,
+    )  # fmt: skip
     return found
 
 
@@ -55,11 +56,18 @@ def test_fog_lies_before_its_targets_and_close_ones_outshine_it():
 
 
 def test_fog_is_where_the_field_says():
-    half = np.broadcast_to(np.array((1.0, 0.0), np.float32)[:, None, None], (2, 2, 2)).copy()
-    depth, hit, _ = haze(np.inf, half)
+    """Air in every second slab of 4 m along x alone: there firings end, but for steps across its border."""
+    slabs = np.broadcast_to(np.array((2.0, 0.0), np.float32)[:, None, None], (2, 2, 2)).copy()
+    depth, hit, _ = haze(np.inf, slabs)
     x = (around(1.0)[0][0][..., 0] * depth)[hit == airborne.AIR]
     assert len(x) > 2000
-    assert (np.floor(x) % 2 == 0).all()
+    assert (np.floor(x / 4) % 2 == 0).mean() > 0.9
+
+
+def test_fog_may_look_like_a_surface():
+    depth, hit, _ = haze(np.inf, share=1.0, surface=1.0)
+    assert (hit == airborne.AIR).all()
+    np.testing.assert_allclose(depth, 1.5 + 4.0 * airborne.SAME, rtol=1e-5)
 
 
 def test_puffs_are_balls():
