@@ -74,7 +74,7 @@ def spray(weather: Weather, scene: Scene, state: np.ndarray) -> np.ndarray:
     """Puffs (n, 5), as in Weather, that follow the fast vehicles within 40 m of a sensor at `state` (x, y, ...) m."""
     puffs = []
     for track in scene.tracks if weather.spray > 0 else ():
-        x, y, yaw, speed, _ = track.states[scene.frame].tolist()
+        x, y, yaw, speed = track.states[scene.frame, :4].tolist()
         if speed < SPRAYING or track.length < 2.5 or math.hypot(x - state[0], y - state[1]) > 40:
             continue
         for behind, radius, part in ((0.3, 0.9, 1.0), (1.8, 1.2, 0.6), (4.0, 1.5, 0.3)):
