@@ -35,8 +35,8 @@ def simulate(
     frames: Annotated[int, typer.Option(min=1, help="Scans of each.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same data.")] = 0,
     sensor: SensorName = DEFAULT_SENSOR,
-    street: Annotated[str, typer.Option(help="A kind of street, or random.")] = "random",
-    version: Annotated[int, typer.Option(help="1: a car in streets. 2: robots, tilted sensors, 5 to 20 Hz too.")] = 1,
+    street: Annotated[str, typer.Option(help="A kind of street or room, or random.")] = "random",
+    version: Annotated[int, typer.Option(help="1: a car in streets. 2: robots, rooms, weather, many people too.")] = 1,
     weather: Annotated[str, typer.Option(help="clear, fog, rain, snow, dust, or random.")] = "random",
 ) -> None:
     """Write simulated streets with labels and poses, in SemanticKITTI's layout."""

@@ -30,6 +30,11 @@ class Mounting:
         return math.isfinite(self.pace)
 
     @property
+    def size(self) -> tuple[float, float]:
+        """Length and width that it needs, m."""
+        return (0.8, 0.7) if self.robot else (4.8, 2.0)
+
+    @property
     def body(self) -> tuple[float, float]:
         """Half length and half width of what carries it, m."""
         return (0.4, 0.35) if self.robot else (2.5, 1.2)
@@ -42,8 +47,8 @@ class Mounting:
         return replace(turned, azimuth_steps=round(turned.azimuth_steps * self.columns))
 
 
-def draw_mounting(seed: int, settings: SimulationSettings, profile: Sensor) -> Mounting:
-    """Draw what `settings` leaves open, in version 2 widely. All is drawn, used or not."""
+def draw_mounting(seed: int, settings: SimulationSettings, profile: Sensor, indoors: bool = False) -> Mounting:
+    """Draw what `settings` leaves open, in version 2 widely, `indoors` low. All is drawn, used or not."""
     rng = Random(f"mount {seed}")
     low, high = rng.choices(
         ((profile.mount_height - 0.3, profile.mount_height + 0.4), (0.35, 0.9), (0.9, 1.5), (2.0, 2.8)),
@@ -55,13 +60,16 @@ def draw_mounting(seed: int, settings: SimulationSettings, profile: Sensor) -> M
     rate, columns = rng.choices((10.0, 20.0, 5.0), (70, 15, 15))[0], rng.choice((0.5, 1.0))
     pace, sidewalk = rng.uniform(0.3, 1.5), rng.random() < 0.6
     ego = rng.choices(("standing", "slow", "stop_and_go", "turning"), (40, 28, 16, 16))[0]
+    if indoors:
+        robot, height = True, rng.uniform(0.3, 1.8)
+        ego = rng.choices(("standing", "slow", "stop_and_go", "turning"), (55, 22, 12, 11))[0]
     wide = settings.version > 1 and settings.sensor_variation
     if settings.mount_height is not None:
-        height, robot = settings.mount_height, settings.mount_height < ROBOT
+        height, robot = settings.mount_height, indoors or settings.mount_height < ROBOT
     robot = robot and settings.version > 1
     turns = settings.rate or (rate if wide else profile.rate)
     return Mounting(
-        height=height if wide else settings.mount_height,
+        height=height if wide or indoors else settings.mount_height,
         pitch=math.radians(settings.pitch) if settings.pitch is not None else pitch if wide and tilted else None,
         roll=roll if wide and tilted else None,
         yaw=yaw if wide else 0.0,

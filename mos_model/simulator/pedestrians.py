@@ -28,11 +28,13 @@ class Figure:
     sway: float = 0.0  # m, by which it leans over the foot that it stands on
 
 
-def pedestrian(rng: Random, runs: bool = False, child: bool | None = None) -> Figure:
-    """Somebody on foot; a jogger if `runs`; of any age, or a `child`, or none."""
+def pedestrian(rng: Random, runs: bool = False, child: bool | None = None, indoors: bool = False) -> Figure:
+    """Somebody on foot; a jogger if `runs`; of any age, or a `child`, or none; `indoors` without an umbrella."""
     child = rng.random() < 0.12 if child is None else child
     tall = rng.uniform(0.85, 1.45) if child else min(max(rng.gauss(1.7, 0.09), 1.45), 2.0)
     kind = "plain" if runs else rng.choices(tuple(HABITS), tuple(HABITS.values()))[0]
+    if indoors and kind in ("umbrella", "bicycle", "bin"):
+        kind = "plain"
     if child and kind in ("coat", "trolley", "bin", "pram", "wheelchair"):
         kind = "rucksack"
     if kind == "wheelchair":

@@ -1,5 +1,7 @@
 """One sweep of the sensor through a scene."""
 
+import math
+
 import numpy as np
 
 from mos_model.simulator import airborne, ground, placing, raycast, rays, returns
@@ -11,8 +13,7 @@ SURFACE_LABELS = np.array((40, 60, 48, 72, 49, 99, 99), np.uint32)  # ROAD, MARK
 # Share of returns lost, by material: MATT, FACADE, BARS, MESH, FOLIAGE, PAINT, CABIN, CLOTH, METAL.
 MATERIAL_LOSS = np.array((0.0, 0.01, 0.04, 0.08, 0.03, 0.03, 0.03, 0.01, 0.01))
 RADII = 1.6 * 1.035 ** np.arange(125)  # m, where the ground is looked up along a column
-NEAR = 0.2 * 1.15 ** np.arange(15)  # m, and where besides by a sensor that is lower than LOW m
-LOW = 1.2
+NEAR = 0.2 * 1.15 ** np.arange(15)  # m, and where besides, if beams end there
 
 
 class Scanner:
@@ -33,7 +34,9 @@ class Scanner:
             np.empty((columns, 3)),
             np.empty(columns),
         )
-        radii = np.concatenate([NEAR, RADII]) if rig.mount[0] < LOW else RADII
+        steepest = math.tan(max(abs(rig.mount[1]) + abs(rig.mount[2]) - float(rig.elevation[-1]), 0.01))
+        nearest = float(rig.mount[0]) / steepest  # m, where the ground begins
+        radii = np.concatenate([NEAR, RADII]) if nearest < 1.1 * RADII[0] else RADII
         self._radii = radii[: np.searchsorted(radii, rig.profile.max_range) + 1]
 
     def scan(

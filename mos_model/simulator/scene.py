@@ -5,6 +5,7 @@ import numpy as np
 from mos_model.simulator.boxes import bounds
 from mos_model.simulator.placing import place
 from mos_model.simulator.raycast import COLUMNS
+from mos_model.simulator.rooms import Room
 from mos_model.simulator.traffic import Track
 from mos_model.simulator.world import World
 
@@ -15,7 +16,7 @@ STANDING_SPEED = 0.15  # m/s, one that is slower is static; in between it is unl
 class Scene:
     """Primitives, their boxes, and the velocity and label of each object; objects of the world come first."""
 
-    def __init__(self, world: World, tracks: list[Track]) -> None:
+    def __init__(self, world: World | Room, tracks: list[Track]) -> None:
         self.world, self.tracks, self.frame = world, tracks, 0
         self._first = np.cumsum([len(world.prims), *(len(track.shape) for track in tracks)])
         self._objects = len(world.labels)  # that stand still for ever

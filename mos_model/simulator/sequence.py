@@ -1,25 +1,24 @@
 """One simulated drive: `simulate` gives scan after scan, with pose and labels."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from random import Random
 from typing import Any
 
 import numpy as np
 
 from mos_model.simulator.carrier import draw_body
-from mos_model.simulator.drive import Drive
+from mos_model.simulator.drive import Ride
+from mos_model.simulator.indoors import Indoors
 from mos_model.simulator.mounting import draw_mounting
 from mos_model.simulator.odometry import draw_reported, true_pose
+from mos_model.simulator.outdoors import outdoors
 from mos_model.simulator.rig import draw_rig
+from mos_model.simulator.rooms import Room
 from mos_model.simulator.scanner import Scanner
 from mos_model.simulator.scene import Scene
-from mos_model.simulator.settings import Conditions, SimulationSettings, draw_conditions
-from mos_model.simulator.streets import STYLES
-from mos_model.simulator.terrain import Terrain
-from mos_model.simulator.traffic import MOST, Traffic
-from mos_model.simulator.variety import MOST as WIDE_MOST
-from mos_model.simulator.variety import enrich
+from mos_model.simulator.settings import Conditions, SimulationSettings, draw_conditions, draw_room
+from mos_model.simulator.traffic import Traffic
 from mos_model.simulator.weather import draw_weather
 from mos_model.simulator.world import World
 from runtime.errors import SettingError
@@ -60,26 +59,26 @@ class Simulation:
         if not isinstance(seed, int) or seed < 0:
             raise SettingError(f"seed must be a whole number of at least 0, not {seed!r}")
         rng = Random(seed)
-        mounting = draw_mounting(seed, settings, profile)
+        room = draw_room(seed, settings)
+        mounting = draw_mounting(seed, settings, profile, bool(room))
         if settings.sensor_variation and profile.spin_tolerance:
             profile = profile.spinning(1 + rng.uniform(-1, 1) * profile.spin_tolerance)
         profile = mounting.turning(profile)
         self.seed, self.profile, self.settings = seed, profile, settings
         self.times = np.arange(frames) / profile.rate
-        self.conditions: Conditions = draw_conditions(rng, settings, mounting.ego)
-        style = STYLES[self.conditions.street]
-        drive = Drive(rng, self.conditions.street, self.conditions.ego, self.times, mounting)
-        way = drive.way()
-        terrain = Terrain(rng, style, drive.roads, way[:, :2])
-        self.world = World(rng, style, drive.roads, terrain, way, mounting.body)
-        self.traffic = Traffic(rng, self.world, drive, self.conditions.density)
-        if settings.version > 1 and self.conditions.density > 0:
-            enrich(seed, self.traffic, self.conditions.street)
-        self.traffic.keep_apart(MOST if settings.version == 1 else WIDE_MOST)
+        self.conditions: Conditions = draw_conditions(rng, settings, room, mounting.ego)
+        drawn = self.conditions, self.times, mounting
+        self.traffic: Traffic | Indoors = (
+            Indoors(seed, *drawn) if room else outdoors(seed, rng, *drawn, settings.version)
+        )
+        self.world: World | Room = self.traffic.world
+        drive: Ride = self.traffic.drive
         self.scene = Scene(self.world, self.traffic.tracks)
         rig = draw_body(seed, settings, draw_rig(rng, profile, settings.sensor_variation, mounting))
         self.states = self._sensor_states(drive, rig.mount)
-        self.weather = draw_weather(seed, settings, profile.beams, self.states[:, 1])
+        self.weather = draw_weather(
+            seed, replace(settings, weather="clear") if room else settings, profile.beams, self.states[:, 1]
+        )
         self.scanner = Scanner(rig, self.weather)
         self.true_poses = [true_pose(state) for state in self.states[:, 1]]
         self.poses = draw_reported(rng, self.true_poses, self.conditions.pose_noise)
@@ -107,7 +106,7 @@ class Simulation:
             labels = np.concatenate([labels, np.zeros(1, np.uint32)])
         return Frame(points, labels, self.poses[k].copy(), self.true_poses[k].copy(), float(self.times[k]))
 
-    def _sensor_states(self, drive: Drive, mount: np.ndarray) -> np.ndarray:
+    def _sensor_states(self, drive: Ride, mount: np.ndarray) -> np.ndarray:
         """(frames, 3, 6) x, y, z, yaw, pitch, roll of the sensor at start, middle and end of each sweep."""
         half = 0.0 if self.conditions.scan_motion == "off" else 0.5 / self.profile.rate
         times = (self.times[:, None] + np.array((-half, 0.0, half))).ravel()

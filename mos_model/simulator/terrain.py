@@ -2,6 +2,7 @@
 
 import math
 from random import Random
+from typing import Protocol
 
 import numpy as np
 
@@ -20,6 +21,13 @@ from mos_model.simulator.streets import StreetStyle
 
 REACH = 85.0  # m, how far from the sensor's way the world goes
 FAR = 30.0  # m, distances from the road are not told apart beyond
+
+
+class Ground(Protocol):
+    """What one drives and walks on."""
+
+    def heights_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Heights (n,) of the ground, m."""
 
 
 class Terrain:

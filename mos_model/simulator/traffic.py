@@ -67,13 +67,9 @@ class Traffic:
         states = np.column_stack([path.at(start + walked), pace, walked, np.tile((0.0, 1.0, 0.0), (len(walked), 1))])
         if backwards:
             states[:, 2] += math.pi
-        if self.in_view(states):
+        if in_view(states, self.ego):
             shape, length, width = draw(self.rng)
             self.tracks.append(Track(shapes.array(shape), labels, length, width, states))
-
-    def in_view(self, states: np.ndarray) -> bool:
-        """Whether an object of these states comes near enough to be seen."""
-        return bool(np.hypot(states[:, 0] - self.ego[:, 0], states[:, 1] - self.ego[:, 1]).min() < 90.0)
 
     def vehicle(self) -> tuple[Draw, tuple[int, int]]:
         """Some vehicle."""
@@ -220,20 +216,26 @@ class Traffic:
             if all(world.is_free(px, py, 0.0, -0.2, 0.2, 0.2) for px, py, _ in spots.tolist()):
                 self.add(lambda r: people.person(r, True), PERSON, path, 2.0, speed)
 
-    def keep_apart(self, most: int = MOST) -> None:
-        """Leave out what would drive into the sensor's vehicle or into what was drawn earlier, and all but `most`."""
-        long, wide = (0.8, 0.7) if self.drive.mounting.robot else (4.8, 2.0)
-        ego = Track(np.empty((0, 0)), CAR, long, wide, np.column_stack([self.ego, np.zeros((len(self.ego), 5))]))
-        kept, places = [ego], np.empty((most + 1, *self.ego[:, :2].shape))
-        places[0] = self.ego[:, :2]
-        for track in self.tracks:
-            if len(kept) > most:
-                break
-            apart = np.abs(places[: len(kept)] - track.states[:, :2]).max(axis=2).min(axis=1)
-            if not any(_touch(track, kept[k]) for k in np.flatnonzero(apart < 0.5 * (track.length + LONGEST) + 1.0)):
-                places[len(kept)] = track.states[:, :2]
-                kept.append(track)
-        self.tracks = kept[1:]
+
+def in_view(states: np.ndarray, ego: np.ndarray) -> bool:
+    """Whether an object of these states comes near enough to the sensor to be seen."""
+    return bool(np.hypot(states[:, 0] - ego[:, 0], states[:, 1] - ego[:, 1]).min() < 90.0)
+
+
+def keep_apart(tracks: list[Track], ego: np.ndarray, size: tuple[float, float], most: int = MOST) -> list[Track]:
+    """Those that drive neither into the sensor's carrier, of places `ego` (frames, 3) and of length and width `size`
+    m, nor into what comes before them; `most` of them."""
+    kept = [Track(np.empty((0, 0)), CAR, *size, np.column_stack([ego, np.zeros((len(ego), 5))]))]
+    places = np.empty((most + 1, *ego[:, :2].shape))
+    places[0] = ego[:, :2]
+    for track in tracks:
+        if len(kept) > most:
+            break
+        apart = np.abs(places[: len(kept)] - track.states[:, :2]).max(axis=2).min(axis=1)
+        if not any(_touch(track, kept[k]) for k in np.flatnonzero(apart < 0.5 * (track.length + LONGEST) + 1.0)):
+            places[len(kept)] = track.states[:, :2]
+            kept.append(track)
+    return kept[1:]
 
 
 def poisson(rng: Random, mean: float) -> int:
