@@ -76,9 +76,8 @@ class Simulation:
         self.scene = Scene(self.world, self.traffic.tracks)
         rig = draw_body(seed, settings, draw_rig(rng, profile, settings.sensor_variation, mounting))
         self.states = self._sensor_states(drive, rig.mount)
-        self.weather = draw_weather(
-            seed, replace(settings, weather="clear") if room else settings, profile.beams, self.states[:, 1]
-        )
+        sky = replace(settings, weather="clear") if room and settings.weather == "random" else settings
+        self.weather = draw_weather(seed, sky, profile.beams, self.states[:, 1])
         self.scanner = Scanner(rig, self.weather)
         self.true_poses = [true_pose(state) for state in self.states[:, 1]]
         self.poses = draw_reported(rng, self.true_poses, self.conditions.pose_noise)
