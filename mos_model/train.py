@@ -9,7 +9,7 @@ import typer
 
 from runtime.commands.handler import need_extra, run_alone
 from runtime.commands.options import Frame, SensorName
-from runtime.sensors.registry import DEFAULT_SENSOR, find_sensor
+from runtime.sensors.registry import DEFAULT_SENSOR, SENSORS, find_sensor
 
 
 def train(
@@ -22,7 +22,7 @@ def train(
     sensor: SensorName = DEFAULT_SENSOR,
     config: Annotated[str, typer.Option(help="Network by name: v1, rt, rt-head, ... (a wrong one lists all)")] = "v1",
     channels: Annotated[int, typer.Option(min=1, help="Width of the image network")] = 32,
-    recipe: Annotated[str, typer.Option(help="'paper' or 'sim2real'")] = "paper",
+    recipe: Annotated[str, typer.Option(help="'paper', 'sim2real' or 'any-sensor'")] = "paper",
     stage: Annotated[int, typer.Option(min=1, max=2, help="1: image network; 2: point head, image network frozen")] = 1,
     steps: Annotated[int | None, typer.Option(min=1, help="Steps (default: of the recipe)")] = None,
     batch: Annotated[
@@ -68,7 +68,9 @@ def train(
     from mos_model.training.sources import SIMULATED, Data
     from mos_model.training.trainer import Limits
 
-    model = named_config(config, channels, sensor=sensor, range_image=find_sensor(sensor).range_image).to_dict()
+    others_too = tuple(name for name in SENSORS if name != sensor) if recipe == "any-sensor" else ()
+    image = find_sensor(sensor).range_image
+    model = named_config(config, channels, sensor=sensor, other_sensors=others_too, range_image=image).to_dict()
     for name in [name for name in others if name.startswith("model.")]:
         set_nested(model, name.removeprefix("model.").split("."), others.pop(name))
     given = {"steps": steps, "batch": batch, "crop": crop, "precision": precision, "seed": seed}

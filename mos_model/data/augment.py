@@ -7,7 +7,7 @@ inv(A), so the past scans may stay as they are when the input is built with A T 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ class Augmentation:
     yaw: float = 0.0  # degrees, rotation about z, either way
     tilt: float = 0.0  # degrees, standard deviation of roll and pitch
     lift: float = 0.0  # m, sensor height, either way
+    frame_chance: float = 0.0  # chance that points come in another frame than the sensor's, as that of a vehicle
+    frame_tilt: float = 7.0  # degrees, roll and pitch of that frame, either way
+    frame_lift: float = 1.0  # m, its height, either way
     pose_shift: float = 0.0  # m, standard deviation of the error of each odometry step, per axis
     pose_turn: float = 0.0  # degrees, the same of its rotation
     remission_off: float = 0.0  # chance that all remissions are 0
@@ -42,10 +45,29 @@ class Augmentation:
     def __post_init__(self) -> None:
         if len(self.shift) != 2:
             raise SettingError(f"augmentation shift must be two lengths, of x and y, not {self.shift!r}")
-        for name in ("share", "chance", "drop", "remission_off", "row_chance", "row_share", "history_chance"):
+        for name in (
+            "share",
+            "chance",
+            "drop",
+            "remission_off",
+            "row_chance",
+            "row_share",
+            "history_chance",
+            "frame_chance",
+        ):
             if not 0 <= getattr(self, name) <= 1:
                 raise SettingError(f"augmentation {name} must lie within 0..1, not {getattr(self, name)!r}")
-        for name in ("lower", "yaw", "tilt", "lift", "pose_shift", "pose_turn", "remission_gain"):
+        for name in (
+            "lower",
+            "yaw",
+            "tilt",
+            "lift",
+            "frame_tilt",
+            "frame_lift",
+            "pose_shift",
+            "pose_turn",
+            "remission_gain",
+        ):
             if getattr(self, name) < 0:
                 raise SettingError(f"augmentation {name} must not be negative, not {getattr(self, name)!r}")
 
@@ -61,6 +83,7 @@ SIM2REAL = Augmentation(  # the simulator itself varies the mounting and errs in
     row_chance=0.1,
     history_chance=0.1,
 )
+ANY_SENSOR = replace(SIM2REAL, frame_chance=0.2)
 
 
 @dataclass(frozen=True)
@@ -123,6 +146,10 @@ def _draw_transform(settings: Augmentation, published: bool, rng: np.random.Gene
         roll, pitch = np.radians(settings.tilt) * rng.standard_normal(2)
         transform[:3, :3] = rotation(roll, pitch, math.radians(settings.yaw) * rng.uniform(-1, 1))
     transform[2, 3] = settings.lift * rng.uniform(-1, 1)
+    if settings.frame_chance and rng.random() < settings.frame_chance:
+        roll, pitch = np.radians(settings.frame_tilt) * rng.uniform(-1, 1, 2)
+        transform[:3, :3] = rotation(0.5 * roll, pitch, 0.0) @ transform[:3, :3]
+        transform[2, 3] += settings.frame_lift * rng.uniform(-1, 1)
     if published and rng.random() < settings.chance:
         transform[:2, 3] += np.array(settings.shift) * rng.uniform(-1, 1, 2)
         transform[2, 3] -= settings.lower * rng.random()

@@ -5,7 +5,7 @@ process may make it, in any order, and training can go on from anywhere.
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -23,6 +23,7 @@ from runtime.image.inputs import InputBuilder
 from runtime.recordings.poses import relative_pose
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.registry import DEFAULT_SENSOR, find_sensor
+from runtime.sensors.sensor import Sensor
 
 if TYPE_CHECKING:  # it needs torch, which makes a worker process slow to start
     from mos_model.networks.config import ModelConfig
@@ -63,7 +64,7 @@ class Source(Protocol):
 class SampleConfig:
     """How a frame becomes a sample."""
 
-    sensor: str = DEFAULT_SENSOR  # by its name: what is simulated, and how far returns reach
+    sensor: str | Sensor = DEFAULT_SENSOR  # or its name: what is simulated, and how far returns reach
     range_image: RangeImage = field(default_factory=RangeImage)
     residual: Residual = field(default_factory=Residual)
     augmentation: Augmentation = NONE
@@ -145,7 +146,10 @@ def _draw_columns(labels: NDArray[np.uint8], config: SampleConfig, rng: np.rando
     start = int(rng.integers(width))
     with_mover = np.flatnonzero((labels == MOVING).any(axis=0))
     if rng.random() < config.crop_on_moving and len(with_mover):
-        start = int(rng.choice(with_mover)) - int(rng.integers(config.crop))
+        groups = np.split(
+            with_mover, np.flatnonzero(np.diff(with_mover) > 1) + 1
+        )  # a mover far away counts as a near one
+        start = int(rng.choice(groups[rng.integers(len(groups))])) - int(rng.integers(config.crop))
     columns: NDArray[np.int64] = np.arange(start, start + config.crop) % width
     return columns
 
@@ -160,7 +164,7 @@ class SimulatedStreets:
     every: int = 2  # scans between them
     crops: int = 1  # of each of them
     first_street: int | None = None  # streets are numbered from here instead of by the seed (validation)
-    movers: float | None = None  # density of the traffic; None: drawn for each street
+    street: Mapping[str, Any] = field(default_factory=dict)  # settings of the simulation that are not drawn
 
     @property
     def group_size(self) -> int:
@@ -178,7 +182,7 @@ class SimulatedStreets:
         history: deque[Frame] = deque(maxlen=HISTORY + 1)
         samples: list[Sample] = []
         length = HISTORY + 1 + self.every * (self.frames - 1)
-        for index, scan in enumerate(simulate(street, length, sensor=self.samples.sensor, movers=self.movers)):
+        for index, scan in enumerate(simulate(street, length, sensor=self.samples.sensor, **self.street)):
             history.append(make_frame(scan.points, scan.pose, to_classes(scan.labels), self.samples))
             if index >= HISTORY and (index - HISTORY) % self.every == 0:
                 samples += make_samples(list(history), self.samples, rng, self.crops)

@@ -66,12 +66,23 @@ class Stream:
         groups = self._groups(first)
         for turn, block in enumerate(self._blocks_from(first)):
             samples = [sample for _ in range(self.mix) for sample in next(groups)]
-            order = np.random.default_rng((self.seed, 1, block)).permutation(len(samples))
-            skipped = self.position % self.batches_per_block * self.batch if turn == 0 else 0
-            for start in range(skipped, len(order), self.batch):
-                batch = [samples[i] for i in order[start : start + self.batch]]
+            batches = self._batches(samples, np.random.default_rng((self.seed, 1, block)))
+            for batch in batches[self.position % self.batches_per_block if turn == 0 else 0 :]:
                 self.position += 1
-                yield batch
+                yield [samples[i] for i in batch]
+
+    def _batches(self, samples: list[Sample], rng: np.random.Generator) -> list[list[int]]:
+        """Indices of the samples of a block, a list for each batch: shuffled, images of one shape together."""
+        shapes: dict[tuple[int, ...], list[int]] = {}
+        for i in rng.permutation(len(samples)).tolist():
+            shapes.setdefault(samples[i].labels.shape, []).append(i)
+        batches = [each[k : k + self.batch] for each in shapes.values() for k in range(0, len(each), self.batch)]
+        if len(batches) != self.batches_per_block:
+            raise SettingError(
+                f"samples of several shapes fill no batches of {self.batch}: give every street a number of samples "
+                f"that is a multiple of it, not {self.source.group_size}"
+            )
+        return batches if len(shapes) == 1 else [batches[i] for i in rng.permutation(len(batches))]
 
     def _blocks_from(self, first: int) -> Iterator[int]:
         turn = first

@@ -31,12 +31,14 @@ class ModelConfig(ABC):
     name: str  # how tables and bundles call it
     channels: int = 32  # width c of the image features, even
     sensor: str = DEFAULT_SENSOR  # by its name: what is simulated for it, and how far returns reach
+    other_sensors: tuple[str, ...] = ()  # that it is for too, by their names, each with its own range image
     range_image: RangeImage = field(default_factory=RangeImage)
     residual: Residual = field(default_factory=Residual)
     point_head: PointHeadConfig | None = None  # None: image network alone
 
     def __post_init__(self) -> None:
-        find_sensor(self.sensor)
+        for name in (self.sensor, *self.other_sensors):
+            find_sensor(name)
         if type(self.channels) is not int or self.channels < 2 or self.channels % 2:
             raise SettingError(f"channels must be an even whole number of at least 2, not {self.channels!r}")
         if self.point_head is not None and self.point_head.in_channels != self.channels:

@@ -52,6 +52,13 @@ def lovasz_gradient(foreground: Tensor) -> Tensor:
     return torch.diff(jaccard, prepend=jaccard.new_zeros(1))
 
 
+def _falling(errors: Tensor) -> Tensor:
+    """Indices (P,) that sort `errors` from large to small; NumPy sorts several times as fast as PyTorch on a CPU."""
+    if errors.device.type != "cpu":
+        return errors.argsort(descending=True)
+    return torch.from_numpy(np.argsort(-errors.numpy()))
+
+
 def lovasz_softmax(probabilities: Tensor, labels: Tensor) -> Tensor:
     """Lovasz-Softmax over the classes that are present, all pixels of the batch together.
 
@@ -64,7 +71,7 @@ def lovasz_softmax(probabilities: Tensor, labels: Tensor) -> Tensor:
             continue
         errors = torch.where(foreground, 1 - probabilities[:, c], probabilities[:, c])
         with torch.no_grad():  # the slopes are constant where the order of the errors is
-            order = errors.argsort(descending=True)
+            order = _falling(errors)
             slopes = torch.empty_like(errors)
             slopes[order] = lovasz_gradient(foreground[order].to(errors.dtype))
         losses.append(errors @ slopes)

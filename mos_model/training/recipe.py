@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from mos_model.data.augment import PAPER, SIM2REAL, Augmentation
+from mos_model.data.augment import ANY_SENSOR, PAPER, SIM2REAL, Augmentation
 from runtime.errors import SettingError
 from runtime.typed_json import build
 
@@ -26,6 +26,7 @@ class TrainConfig:
     batch: int = 20  # samples a step, of each process
     crop: int = 0  # columns; 0: whole images
     crop_on_moving: float = 0.0  # share of the crops that hold a mover
+    mixed: bool = False  # simulated drives of all sensors, mountings and places, see `mos_model.data.mixture`
     mix: int = 8  # groups of samples (frames, streets) that are shuffled together
     optimizer: str = "sgd"
     learning_rate: float = 0.01
@@ -36,6 +37,7 @@ class TrainConfig:
     decay: float = 0.99
     decay_every: int = PUBLISHED_EPOCH  # steps
     clip: float = 0.0  # largest norm of the gradient; 0: any
+    freeze_norm: bool = False  # BatchNorm keeps the running statistics of the weights that training starts from
     ema: float = 0.0  # decay of the moving average of the weights, which is what is saved; 0: none
     class_weights: str = "inverse_sqrt"  # or "inverse": see losses.class_weights
     weight_samples: int = 256  # training samples whose classes are counted for them
@@ -85,7 +87,8 @@ def recipe(name: str, stage: int = 1, epoch_steps: int = PUBLISHED_EPOCH, **chan
     """A recipe by name, with changes of its fields ("augmentation.yaw": a field of the augmentation).
 
     "paper": as published; an epoch has `epoch_steps` steps. "sim2real": for small budgets and simulated
-    streets. Raises SettingError for a field that there is not, or a value that it cannot have.
+    streets; "any-sensor": the same for drives of all sensors, from weights that know one. Raises SettingError for a
+    field that there is not, or a value that it cannot have.
     """
     if name == "paper" and stage == 1:
         config = TrainConfig(steps=150 * epoch_steps, warmup=epoch_steps, decay_every=epoch_steps)
@@ -101,9 +104,9 @@ def recipe(name: str, stage: int = 1, epoch_steps: int = PUBLISHED_EPOCH, **chan
             decay=0.95,
             decay_every=1000,
         )
-    elif name == "sim2real":
+    elif name in ("sim2real", "any-sensor"):
         config = TrainConfig(
-            recipe="sim2real",
+            recipe=name,
             stage=stage,
             steps=8000 if stage == 1 else 1500,
             batch=4 if stage == 1 else 2,
@@ -120,8 +123,14 @@ def recipe(name: str, stage: int = 1, epoch_steps: int = PUBLISHED_EPOCH, **chan
             crops=3,
             augmentation=SIM2REAL,
         )
+        if name == "any-sensor":
+            config = replace(
+                config, mixed=True, mix=12, street_frames=8, crops=4 if stage == 1 else 3, freeze_norm=True,
+                learning_rate=0.5 * config.learning_rate, augmentation=ANY_SENSOR,
+                validation_streets=24, validation_frames=2, validate_every=1000,
+            )  # fmt: skip
     else:
-        raise SettingError(f"there is no recipe {name!r}: choose 'paper' or 'sim2real'")
+        raise SettingError(f"there is no recipe {name!r}: choose 'paper', 'sim2real' or 'any-sensor'")
     return _changed(config, changes)
 
 

@@ -14,8 +14,11 @@ FREE = {"steps", "validate_every", "validation_streets", "validation_frames", "p
 
 
 def check_start(start: Stored, model: ModelConfig) -> None:
-    """Refuse a checkpoint of another image network. Its name, sensor, range image and point head may differ."""
-    if found := differences(start.config, model, ignored=("name", "sensor", "range_image", "point_head")):
+    """Refuse a checkpoint of another image network. Name, sensors, range image, limits of residuals and point head may
+    differ."""
+    limits = {name: getattr(model.residual, name) for name in ("min_range", "max_range")}
+    its = replace(start.config, residual=replace(start.config.residual, **limits))
+    if found := differences(its, model, ignored=("name", "sensor", "other_sensors", "range_image", "point_head")):
         raise CheckpointError(
             f"{start.path}: of another network (its own against the one to train): {'; '.join(found)}"
         )

@@ -7,6 +7,7 @@ from typing import Any
 from mos_model.data.augment import NONE
 from mos_model.data.dataset import VALIDATION_STREETS, SampleConfig, SimulatedStreets
 from mos_model.data.labelled import demand_movers, open_labelled
+from mos_model.data.mixture import MixedDrives
 from mos_model.data.recorded import RecordedFrames, training_frames, validation_frames
 from mos_model.networks.config import ModelConfig
 from mos_model.training.recipe import TrainConfig
@@ -48,11 +49,12 @@ def sample_config(model: ModelConfig, config: TrainConfig) -> SampleConfig:
 
 def simulated_data(
     model: ModelConfig, config: TrainConfig, data: Data = SIMULATED
-) -> tuple[SimulatedStreets, Validation]:
+) -> tuple[SimulatedStreets | MixedDrives, Validation]:
     """Training streets, and held-out ones of fixed seeds, whole and as they are."""
     samples = sample_config(model, config)
-    streets = SimulatedStreets(samples, config.seed, config.street_frames, config.street_every, config.crops)
-    held_out = SimulatedStreets(
+    drives = MixedDrives if config.mixed else SimulatedStreets
+    streets = drives(samples, config.seed, config.street_frames, config.street_every, config.crops)
+    held_out = drives(
         replace(samples, augmentation=NONE, crop=0),
         frames=config.validation_frames,
         every=4,

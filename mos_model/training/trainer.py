@@ -46,11 +46,11 @@ class Average:
     def update(self, module: nn.Module, step: int) -> None:
         """Move towards the module's tensors after step 1, 2, ...; faster at the start."""
         decay = min(self.decay, (1 + step) / (10 + step))
-        for key, value in module.state_dict().items():
-            if value.is_floating_point():
-                self.state[key].lerp_(value, 1 - decay)
-            else:
-                self.state[key].copy_(value)
+        now = module.state_dict()
+        averaged = [key for key, value in now.items() if value.is_floating_point()]
+        torch._foreach_lerp_([self.state[key] for key in averaged], [now[key] for key in averaged], 1 - decay)
+        for key in now.keys() - set(averaged):
+            self.state[key].copy_(now[key])
 
 
 class Trainer:
@@ -120,6 +120,8 @@ class Trainer:
         for group in self.optimizer.param_groups:
             group["lr"] = config.learning_rate_at(self.step)
         self.task.trained.train()
+        if config.freeze_norm:
+            freeze_norm(self.task.trained)
         with self.autocast():
             loss, labels, predicted = self.task.score(self.parallel, batch)
         if not torch.isfinite(loss.total):
@@ -218,15 +220,22 @@ def make_optimizer(module: nn.Module, config: TrainConfig) -> torch.optim.Optimi
     """The optimiser of a recipe. AdamW decays no biases and no BatchNorm."""
     rate, decay = config.learning_rate, config.weight_decay
     if config.optimizer == "sgd":
-        return torch.optim.SGD(module.parameters(), rate, momentum=config.momentum, weight_decay=decay)
+        return torch.optim.SGD(module.parameters(), rate, momentum=config.momentum, weight_decay=decay, fused=True)
     if config.optimizer == "adam":
-        return torch.optim.Adam(module.parameters(), rate, weight_decay=decay)
+        return torch.optim.Adam(module.parameters(), rate, weight_decay=decay, fused=True)
     parameters = list(module.parameters())
     groups: list[dict[str, Any]] = [
         {"params": [p for p in parameters if p.ndim > 1]},
         {"params": [p for p in parameters if p.ndim <= 1], "weight_decay": 0.0},
     ]
-    return torch.optim.AdamW(groups, rate, weight_decay=decay)
+    return torch.optim.AdamW(groups, rate, weight_decay=decay, fused=True)
+
+
+def freeze_norm(module: nn.Module) -> None:
+    """Let every BatchNorm normalise by its running statistics, as in use, and leave them as they are."""
+    for layer in module.modules():
+        if isinstance(layer, nn.modules.batchnorm._BatchNorm):
+            layer.eval()
 
 
 def choose_precision(name: str, device: torch.device) -> torch.dtype:

@@ -142,7 +142,7 @@ def test_a_street_is_a_function_of_its_number():
 def test_held_out_streets_are_no_training_streets(monkeypatch):
     seen = []
 
-    def simulate(street: int, frames: int, sensor: str, movers: float | None) -> list:
+    def simulate(street: int, frames: int, sensor: str) -> list:
         seen.append(street)
         return []
 
@@ -176,5 +176,5 @@ def test_a_new_sensor_can_be_trained_on(contributed, monkeypatch):
     monkeypatch.setitem(SENSORS, new.name, new)
     streets = SimulatedStreets(SampleConfig(new.name, new.range_image), frames=1)
     (sample,) = streets.group(0)
-    assert sample.image.shape == (13, 32, 1024)
+    assert sample.image.shape == (13, 32, 1792)
     assert (sample.labels > 0).any(axis=1).tolist() == [True] * 20 + [False] * 12

@@ -67,5 +67,5 @@ def test_what_does_not_exist_is_refused(changes):
 
 
 def test_unknown_recipe():
-    with pytest.raises(SettingError, match="'paper' or 'sim2real'"):
+    with pytest.raises(SettingError, match="'sim2real' or 'any-sensor'"):
         recipe("best")
