@@ -230,7 +230,7 @@ def _identity(recording: Recording, runner: MosRunner) -> dict[str, Any]:
         "postprocess": runner.postprocess,
         "refine": runner.settings.refine,
         "precision": runner.precision,
-        "belief": runner.settings.belief_or_default,
+        "belief": runner.belief,
         "delay": runner.settings.delay,
         "version": __version__,
         "poses": recording.poses_from,

@@ -63,7 +63,8 @@ class MosRunner:
 
         bundle: folder of a bundle; None: the default one.
         settings: see `RunnerSettings`, whose fields may be given by name too: `MosRunner(threads=2, refine="all")`.
-            What was chosen for "auto" is logged and in the attributes `precision` and `postprocess`.
+            What was chosen for "auto" is logged and in the attributes `precision`,
+            `postprocess` and `belief`.
 
         Raises BundleError, ProviderError or SettingError.
         """
@@ -100,6 +101,11 @@ class MosRunner:
     def history_length(self) -> int:
         """Past scans that a result depends on."""
         return HISTORY + self._believer.horizon
+
+    @property
+    def belief(self) -> str:
+        """What "auto" means here: "online" or "none"."""
+        return "online" if self._believer.horizon else "none"
 
     def reset(self) -> None:
         """Forget the history: the next scan is the first of a sequence."""

@@ -31,7 +31,7 @@ class RunnerSettings:
     # of the image network: "float32", "int8", or "auto": INT8 where the bundle has it and the processor gains from it
     precision: str = "auto"
     # "online": what the last scans found at a place counts there; "none": every scan by itself; "auto": "online" with a
-    # delay, else "none"
+    # delay, and where the bundle has numbers for it and points do not vote
     belief: str = "auto"
     delay: int = 0  # later scans that count too: a call returns the result of the scan so many calls before
     providers: Sequence[Any] | None = None  # of ONNX Runtime, best first, each a name or (name, options); None: the CPU
@@ -50,11 +50,6 @@ class RunnerSettings:
             raise SettingError(f"delay must be a whole number of 0 to {LONGEST_DELAY} scans, not {self.delay!r}")
         if self.delay and self.belief == "none":
             raise SettingError("a delay without belief gains nothing: choose belief 'online', or no delay")
-
-    @property
-    def belief_or_default(self) -> str:
-        """What `belief` means: "none" or "online"."""
-        return ("online" if self.delay else "none") if self.belief == "auto" else self.belief
 
     def changed(self, changes: Mapping[str, Any]) -> "RunnerSettings":
         """These settings but for some. Raises SettingError for a name that there is not."""

@@ -130,12 +130,13 @@ def choose_believer(settings: RunnerSettings, postprocess: str, manifest: Manife
 
     Raises SettingError with the post-processing "knn", whose votes are no probabilities.
     """
-    name = settings.belief_or_default
-    if name == "none":
+    numbers = manifest.tuned.belief
+    wanted = settings.belief == "online" or settings.delay > 0
+    if settings.belief == "none" or not (wanted or (numbers and postprocess != "knn")):
         return Unbelieving()
     if postprocess == "knn":
-        raise SettingError(f"belief {name!r} adds up probabilities, and knn has votes: choose postprocess head or none")
-    numbers = manifest.tuned.belief
+        raise SettingError("belief adds up probabilities, and knn has votes: choose postprocess head or none")
+    numbers = numbers or BeliefNumbers()
     return Delayed(numbers, settings.delay, workers) if settings.delay else Online(numbers, workers)
 
 

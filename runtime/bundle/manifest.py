@@ -95,7 +95,7 @@ class Tuned:
     jump: float = 10.0  # m between two scans from which the history is dropped
     turn: float = 60.0  # degrees between two scans from which it is
     gap: float = 1.0  # s between two scans from which it is
-    belief: BeliefNumbers = field(default_factory=BeliefNumbers)
+    belief: BeliefNumbers | None = None  # None: not found for these weights, so that belief is off unless asked for
 
     def __post_init__(self) -> None:
         if not 0 <= self.candidate < 1:

@@ -59,7 +59,7 @@ def test_later_scans_count_and_those_after_them_do_not(runner, scans):
 
 
 def test_without_a_delay_the_result_is_that_of_the_scan(bundle, scans):
-    runner = MosRunner(bundle, threads=1, postprocess="none")
+    runner = MosRunner(bundle, threads=1, postprocess="none", belief="none")
     returned, left = run(runner, scans[:4])
     assert [result.index for result in returned] == [0, 1, 2, 3]
     assert left == []

@@ -34,7 +34,7 @@ def differ(a, b):
 
 
 def test_what_was_found_at_a_place_counts_there(bundle, runner, scans):
-    plain = run(MosRunner(bundle, threads=2, postprocess="none"), scans)
+    plain = run(MosRunner(bundle, threads=2, postprocess="none", belief="none"), scans)
     believed = run(runner, scans)
     same(plain[0], believed[0])
     assert all(differ(a, b) for a, b in zip(plain[1:], believed[1:], strict=True))
@@ -132,6 +132,21 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(made, runner, tmp_path, do
 
 
 def test_predictions_without_belief_are_not_continued_with_it(made, bundle, runner, tmp_path):
-    predict(open_recording(made), MosRunner(bundle, threads=1, postprocess="none"), tmp_path)
+    predict(open_recording(made), MosRunner(bundle, threads=1, postprocess="none", belief="none"), tmp_path)
     with pytest.raises(SettingError, match="belief"):
         predict(open_recording(made), runner, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("settings", "belief"),
+    [({}, "online"), ({"postprocess": "knn"}, "none"), ({"belief": "none"}, "none"), ({"postprocess": "head"}, "online")],
+)
+def test_a_bundle_with_numbers_for_it_believes(bundle, settings, belief):
+    """Unless points vote: votes are no probabilities."""
+    assert MosRunner(bundle, threads=1, **settings).belief == belief
+
+
+def test_a_bundle_without_numbers_believes_when_asked():
+    assert MosRunner(BUNDLE, threads=1).belief == "none"
+    assert MosRunner(BUNDLE, threads=1, postprocess="head", belief="online").belief == "online"
+    assert MosRunner(BUNDLE, threads=1, postprocess="head", delay=2).belief == "online"
