@@ -1,8 +1,10 @@
 """Checkpoint -> bundle, whole or not at all."""
 
 import hashlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -15,6 +17,7 @@ from export.graph.head_graph import head_bytes
 from export.graph.image_graph import Outputs, image_bytes
 from export.int8.quantise import Settings, quantise
 from mos_model.data.dataset import SampleConfig
+from mos_model.networks.config import ModelConfig
 from runtime.bundle.loading import Bundle, load_bundle
 from runtime.bundle.manifest import (
     IMAGE_NET,
@@ -134,18 +137,16 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
     config, training = source.config, source.training
     features = _channels_of_features(source)
     head = config.point_head
-    decision = Decision(training.get("threshold"), training.get("head_threshold"))
-    sensor = SensorEntry(config.sensor, config.range_image, find_sensor(config.sensor).reach, decision)
     files = [IMAGE_NET] + [name for name in (POINT_HEAD, POINT_HEAD_ONNX) if (folder / name).exists()]
     record = {
         key: value
         for key, value in training.items()
-        if key not in ("resume", "accuracy", "threshold", "head_threshold", "tuned", "licence")
+        if key not in ("resume", "accuracy", "threshold", "head_threshold", "decisions", "tuned", "licence")
     }
     return Manifest(
         name=config.name,
         network=config.kind,
-        sensors=(sensor,),
+        sensors=tuple(_sensors(config, training, checkpoint)),
         residual=config.residual,
         features=features,
         point_head=head,
@@ -162,6 +163,17 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
         accuracy=plain(training.get("accuracy", {})),
         licence=training.get("licence", "unknown"),
     )
+
+
+def _sensors(config: ModelConfig, training: Mapping[str, Any], checkpoint: Path) -> Iterator[SensorEntry]:
+    """The sensors of a network, its own first, each with its thresholds."""
+    of_all = {name: training.get(name) for name in ("threshold", "head_threshold")}  # one for all, as before
+    decisions = training.get("decisions", {})
+    for name in (config.sensor, *config.other_sensors):
+        sensor = find_sensor(name)
+        image = config.range_image if name == config.sensor else sensor.range_image
+        decision = build(Decision, decisions.get(name, of_all), f"{checkpoint}: thresholds of {name}", CheckpointError)
+        yield SensorEntry(name, image, sensor.reach, decision)
 
 
 def _channels_of_features(source: Source) -> int:

@@ -108,7 +108,7 @@ PLACES = {
         ),
         {
             "runtime/head/refinement.py": "the default of a head without a bundle",
-            "mos_model/publish.py": "the default of what is calibrated",
+            "mos_model/tuning/thresholds.py": "the default of what is calibrated",
         },
     ),
 }

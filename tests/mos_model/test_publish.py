@@ -12,10 +12,13 @@ import torch
 import mos_model.simulator
 from mos_model.networks import checkpoint
 from mos_model.networks.registry import named_config
-from mos_model.publish import BINS, QUIET, Histogram, calibrate, data_of, publish
+from mos_model.publish import data_of, publish
 from mos_model.simulator import simulate
+from mos_model.tuning.belief import find_belief
+from mos_model.tuning.histogram import BINS, Histogram
+from mos_model.tuning.thresholds import QUIET, calibrate, sensor_classes
 from runtime.bundle.head_shape import PointHeadConfig
-from runtime.bundle.manifest import Tuned
+from runtime.bundle.manifest import BeliefNumbers, Tuned
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.registry import find_sensor
 from tests.support.paths import ROOT
@@ -79,8 +82,12 @@ def test_published_checkpoint(tmp_path):
     assert found.training["licence"] == "MIT"
     assert found.training["tuned"] == asdict(Tuned(candidate=0.3))
     pixels, points = calibrate(checkpoint.load(tmp_path / "last.pt"), 1, candidate=0.3)
-    assert found.training["threshold"] == pixels.best_threshold(QUIET)[0]
-    assert found.training["head_threshold"] == points.best_threshold(QUIET)[0]
+    assert found.training["decisions"] == {
+        "hdl64e": {
+            "threshold": pixels.best_threshold(QUIET)[0],
+            "head_threshold": points.best_threshold(QUIET)[0],
+        }
+    }
     assert points.counts.sum() > pixels.counts.sum() > 0
     stored = checkpoint.read(tmp_path / "ship" / "checkpoint.pt")
     assert {v.dtype for v in stored.image_net.values() if v.is_floating_point()} == {torch.float16}
@@ -97,6 +104,21 @@ def test_thresholds_are_those_of_the_sensor(monkeypatch):
     config = named_config("rt", 4, widths=(4, 4), sensor="vlp16", range_image=RangeImage(16, 64, 15, -15))
     calibrate(checkpoint.Checkpoint(config, config.build_image_network().eval(), None, {}), 1, frames=1)
     assert asked == {"vlp16"}
+
+
+def test_sensors_of_about_as_many_beams_share_thresholds():
+    classes = sensor_classes("hdl64e", ["vlp16", "rs16", "hdl32e", "os1-64", "vls128", "pandar40p"])
+    assert classes == [("hdl64e",), ("vlp16", "rs16"), ("hdl32e", "pandar40p"), ("os1-64",), ("vls128",)]
+
+
+def test_thresholds_of_belief_are_those_of_the_drives():
+    torch.manual_seed(1)
+    config = named_config("rt", 4, widths=(4, 4), other_sensors=("vlp16",), range_image=RangeImage(16, 64))
+    found = checkpoint.Checkpoint(config, config.build_image_network().eval(), None, {})
+    numbers = find_belief(found, Tuned(), 4)
+    assert numbers == replace(BeliefNumbers(), threshold=numbers.threshold, delayed_threshold=numbers.delayed_threshold)
+    assert numbers == find_belief(found, Tuned(), 4)
+    assert 0 < numbers.threshold != numbers.delayed_threshold > 0
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,89 @@
+"""From which probability on a point counts as moving where what past scans found at its place counts too."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mos_model.data.dataset import Sample
+from mos_model.networks.checkpoint import Checkpoint
+from mos_model.simulator import simulate
+from mos_model.tuning.histogram import Histogram
+from mos_model.tuning.thresholds import LIGHT_TRAFFIC, QUIET, probabilities, samples_of
+from runtime.belief.believers import Delayed, Online
+from runtime.bundle.manifest import BeliefNumbers, Tuned
+from runtime.classes import to_classes
+from runtime.compute.workers import Workers
+from runtime.head.refiners import PointLabels
+from runtime.image.entry import Entered
+from runtime.image.history import History
+from runtime.image.inputs import ImageInput, InputBuilder
+from runtime.recordings.poses import check_pose
+from runtime.sensors.registry import find_sensor
+
+BELIEF_DRIVES = 18_000_000  # seeds from here on; nothing else has them
+SCANS = 34  # of each drive
+DELAY = 10  # scans, for which the threshold of what is judged later is found
+_NONE = np.empty(0, np.uint8)
+
+
+def find_belief(found: Checkpoint, tuned: Tuned, drives: int) -> BeliefNumbers:
+    """The numbers of `tuned`, or the usual ones, with the thresholds of highest IoU at which quiet drives stay quiet."""
+    online, delayed = Histogram(), Histogram()
+    numbers = tuned.belief or BeliefNumbers()
+    names = [found.config.sensor, *found.config.other_sensors]
+    for number in range(drives):
+        own = number % 2 == 0  # every second drive
+        sensor = names[0] if own else names[number // 2 % len(names)]
+        settings: dict[str, Any] = {"movers": 0.0 if number % 4 < 2 else LIGHT_TRAFFIC}
+        if found.config.other_sensors and not own:
+            settings["version"] = 2
+        count_drive(found, replace(tuned, belief=numbers), sensor, BELIEF_DRIVES + number, settings, online, delayed)
+    return replace(
+        numbers,
+        threshold=online.best_threshold(QUIET)[0],
+        delayed_threshold=delayed.best_threshold(QUIET)[0],
+    )
+
+
+def count_drive(
+    found: Checkpoint,
+    tuned: Tuned,
+    sensor: str,
+    seed: int,
+    settings: dict[str, Any],
+    online: Histogram,
+    delayed: Histogram,
+) -> None:
+    """Count the points of a simulated drive by what is believed of them at once, and DELAY scans later."""
+    samples, workers = samples_of(found, sensor), Workers(1)
+    builder = InputBuilder(samples.range_image, samples.residual, workers, find_sensor(sensor).reach)
+    history = History(tuned)
+    assert tuned.belief is not None
+    now, later = Online(tuned.belief, workers), Delayed(tuned.belief, DELAY, workers)
+    waiting = []
+    for scan in simulate(seed, SCANS, sensor=sensor, **settings):
+        entered, pose = builder.enter(scan.points), check_pose(scan.pose, "pose")
+        past = history.past(pose)
+        labels = _labels(found, entered, builder.build(entered, past), tuned.candidate)
+        classes = to_classes(scan.labels)
+        believed = now.believe(entered, pose, labels, follows=bool(past))
+        online.add(believed.labels.probability, classes)
+        now.add(believed.places)
+        places = later.believe(entered, pose, labels, follows=bool(past)).places
+        assert places is not None
+        later.add(places)
+        waiting.append((places.copy(), classes))
+        history.add(entered, pose, None)
+        if len(waiting) > DELAY:
+            earlier, its_classes = waiting.pop(0)
+            delayed.add(later.judge(earlier).probability, its_classes)
+
+
+def _labels(found: Checkpoint, entered: Entered, image: ImageInput, candidate: float) -> PointLabels:
+    """What the network says of each point by itself."""
+    seen = image.pixel >= 0
+    sample = Sample(image.image, _NONE, entered.points[seen, :3], image.pixel[seen], _NONE)
+    probability = np.zeros(len(entered), np.float32)
+    _, probability[seen] = probabilities(found, sample, candidate)
+    return PointLabels(probability > 0.5, probability)
