@@ -2,6 +2,8 @@
 
 import math
 import multiprocessing
+import os
+import threading
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -18,6 +20,15 @@ _source: Source | None = None  # of a worker process
 def _start_worker(source: Source) -> None:
     global _source
     _source = source
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A process that is killed tells its workers nothing: they would wait for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _make_group(number: int) -> list[Sample]:

@@ -1,7 +1,12 @@
 """Batches depend on the seed and the position, and on nothing else."""
 
 import itertools
+import os
+import subprocess
+import sys
+import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +14,7 @@ import pytest
 from mos_model.data.dataset import Sample
 from mos_model.data.stream import Stream
 from runtime.errors import SettingError
+from tests.support.paths import ROOT
 from tests.support.training import Patches
 
 
@@ -92,3 +98,34 @@ def test_an_error_of_a_worker_arrives():
 def test_settings_out_of_range(options):
     with pytest.raises(SettingError):
         take(1, **options)
+
+
+KILLED = """
+import os, signal
+from mos_model.data.stream import Stream
+from tests.support.training import Patches
+
+if __name__ == "__main__":
+    stream = Stream(Patches(group_size=2), 2, mix=2, workers=1)
+    next(iter(stream))
+    print(*stream._pool._processes, flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc, to see processes")
+def test_workers_of_a_killed_process_end(tmp_path):
+    script = tmp_path / "killed.py"
+    script.write_text(KILLED)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment)
+    (worker,) = map(int, done.stdout.split())
+    assert any(not is_running(worker) or time.sleep(0.1) for _ in range(600))
+
+
+def is_running(process: int) -> bool:
+    """Whether there is such a process, other than one that has ended and is not yet collected."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False

@@ -139,7 +139,12 @@ def test_predictions_without_belief_are_not_continued_with_it(made, bundle, runn
 
 @pytest.mark.parametrize(
     ("settings", "belief"),
-    [({}, "online"), ({"postprocess": "knn"}, "none"), ({"belief": "none"}, "none"), ({"postprocess": "head"}, "online")],
+    [
+        ({}, "online"),
+        ({"postprocess": "knn"}, "none"),
+        ({"belief": "none"}, "none"),
+        ({"postprocess": "head"}, "online"),
+    ],
 )
 def test_a_bundle_with_numbers_for_it_believes(bundle, settings, belief):
     """Unless points vote: votes are no probabilities."""
