@@ -28,7 +28,7 @@ _NONE = np.empty(0, np.uint8)
 
 
 def find_belief(found: Checkpoint, tuned: Tuned, drives: int) -> BeliefNumbers:
-    """The numbers of `tuned`, or the usual ones, with the thresholds of highest IoU at which quiet drives stay quiet."""
+    """The numbers of `tuned`, or the usual ones, with the thresholds of highest IoU where quiet drives stay quiet."""
     online, delayed = Histogram(), Histogram()
     numbers = tuned.belief or BeliefNumbers()
     names = [found.config.sensor, *found.config.other_sensors]
