@@ -33,6 +33,7 @@ def train(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of weights, data and dropout")] = 0,
     init: Annotated[Path | None, typer.Option(help="Checkpoint whose weights are the start")] = None,
+    init_head: Annotated[Path | None, typer.Option(help="Checkpoint whose point head is the start (stage 2)")] = None,
     resume: Annotated[bool, typer.Option(help="Go on from last.pt in the folder of the run")] = False,
     precision: Annotated[str | None, typer.Option(help="auto, fp32, bf16 or fp16")] = None,
     device: Annotated[str, typer.Option(help="auto, cpu, cuda, cuda:1")] = "auto",
@@ -55,8 +56,10 @@ def train(
         raise typer.BadParameter(
             "--road adds to the published split, of which --train-on and --validate-on leave nothing"
         )
-    if resume and init is not None:
+    if resume and (init is not None or init_head is not None):
         raise typer.BadParameter("--resume goes on from last.pt, --init starts from other weights: give one of them")
+    if init_head is not None and stage == 1:
+        raise typer.BadParameter("--init-head is for stage 2, which trains the point head")
     others = dict(parse_setting(text) for text in set_ or [])
     need_extra("train", "torch")
     import torch
@@ -85,6 +88,7 @@ def train(
             SIMULATED if data == "simulated" else Data(Path(data), *choose_split(road, train_on, validate_on), frame),
             out,
             init=init,
+            init_head=init_head,
             resume=resume,
             ranks=ranks,
             workers=workers,

@@ -29,6 +29,7 @@ def run_training(
     *,
     ranks: Ranks,
     init: Path | None = None,
+    init_head: Path | None = None,
     resume: bool = False,
     workers: int = 1,
     limits: Limits | None = None,
@@ -37,7 +38,8 @@ def run_training(
     """Train `model` and return the best validation IoU; `recipe` gives the settings for an epoch's steps.
 
     Writes last.pt, best.pt and metrics.jsonl into `out`. `init`: a checkpoint to start from; stage 2 needs
-    one of stage 1. `resume`: go on from out/last.pt, of a run with the same settings.
+    one of stage 1. `init_head`: one whose point head stage 2 starts from. `resume`: go on from out/last.pt, of a
+    run with the same settings.
     """
     previous = checkpoint.read(out / "last.pt") if resume else None
     start = checkpoint.read(init) if init else previous
@@ -55,6 +57,8 @@ def run_training(
             frequency = class_frequency(source, config.weight_samples)
             weights = torch.from_numpy(class_weights(frequency, config.class_weights))
         task = build_task(model, config, weights, start, init, ranks)
+        if init_head and isinstance(task, PointTask):
+            checkpoint.load_state(task.trained, checkpoint.read(init_head).point_head or {}, f"{init_head}: point head")
         notes = {"data": data.to_dict()}
         trainer = Trainer(task, config, source, validation, out, ranks=ranks, workers=workers, notes=notes)
         if previous:

@@ -96,7 +96,7 @@ def look(scan: NDArray[np.floating]) -> Seen | None:
 def usual(beams: int) -> int:
     """The number of beams of some sensor, if that is about as many."""
     nearest = min(USUAL, key=lambda one: abs(one - beams))
-    return nearest if abs(nearest - beams) <= 0.1 * nearest else beams
+    return nearest if abs(nearest - beams) <= 0.15 * nearest else beams
 
 
 def angles_of(middles: NDArray[np.float64], beams: int) -> tuple[float, ...]:

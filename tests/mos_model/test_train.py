@@ -47,7 +47,8 @@ def run(*arguments: object) -> None:
     """Run `mos train` and let its errors through."""
     app = typer.Typer()
     app.command()(train.train)
-    CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
+    done = CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
 
 
 @pytest.fixture
@@ -77,7 +78,12 @@ def test_both_stages_on_recordings(root, tmp_path):
     stage2 = ["--config", "v2-lite", "--stage", 2, "--steps", 2, "--batch", 1, "--crop", 0]
     run(*base(root, second, *stage2, "--init", out / "best.pt"))
     assert checkpoint.load(second / "last.pt").point_head is not None
-    run(*base(root, second, *stage2, "--init", out / "best.pt", "--resume", "--set", "validate_every=1"))
+    run(*base(root, second, *stage2, "--resume", "--set", "validate_every=1"))
+    started = second / "last.pt"
+    again = ["--steps", 1, "--set", "learning_rate=1e-12", "--init", out / "best.pt", "--init-head", started]
+    run(*base(root, tmp_path / "again", *stage2, *again))
+    heads = [checkpoint.load(one).point_head.state_dict() for one in (started, tmp_path / "again" / "last.pt")]
+    assert all(np.allclose(heads[0][key], heads[1][key], atol=1e-6) for key in heads[0] if key.endswith("weight"))
 
 
 def test_simulated_streets(tmp_path):
@@ -189,6 +195,7 @@ def test_settings():
         ["--data", "{root}", "--train-on", ""],
         ["--data", "{root}", "--train-on", "00,,01"],
         ["--resume", "--init", "last.pt"],
+        ["--init-head", "last.pt"],
         ["--set", "steps"],
         ["--steps", "0"],
         ["--batch", "0"],
