@@ -11,6 +11,8 @@ from mos_model.simulator.motion import Path, Speed, draw_speed
 from mos_model.simulator.roads import turning_path
 from mos_model.simulator.traffic import CAR, CYCLIST, MOTORCYCLE, Traffic, poisson
 
+AROUND = 60.0  # m, where scooters are drawn
+
 
 def add_manoeuvres(rng: Random, traffic: Traffic) -> None:
     """Add some of each."""
@@ -93,9 +95,11 @@ def add_scooters(rng: Random, traffic: Traffic) -> None:
             width = road.lanes * road.lane_width
             for row in range(max(round(width / 1.6), 2)):
                 aside = 0.6 + (width - 1.2) * (row + rng.random()) / max(round(width / 1.6), 2)
-                s = rng.uniform(0, 10)
-                while s < road.length:
-                    line = _weaving(rng, road.line(-aside) if forward else road.line(aside, road.length, 0.0))
+                lane = road.line(-aside) if forward else road.line(aside, road.length, 0.0)
+                near = np.flatnonzero(np.hypot(*(lane - traffic.ego[len(traffic.ego) // 2, :2]).T) < AROUND)
+                s = rng.uniform(0, 10) + (float(near[0]) if len(near) else road.length)
+                while s < (near[-1] if len(near) else 0.0):
+                    line = _weaving(rng, lane)
                     pace = fast * rng.uniform(0.75, 1.25)
                     kind = rng.choices(("constant", "stop_and_go", "brake", "pull_away"), (82, 6, 6, 6))[0]
                     speed = draw_speed(rng, kind, pace, traffic.duration)
