@@ -21,6 +21,7 @@ class Mounting:
     rate: float = 1.0  # turns a second, of the profile's
     columns: float = 1.0  # firings in a turn beside those that this rate leaves time for
     pace: float = math.inf  # m/s, of what carries it at most
+    noise: float = 1.0  # of the ranges, times the profile's: at some metres sensors err more than at many
     sidewalk: bool = False  # whether that goes beside the road
     ego: str = ""  # how it goes; "": as cars do
 
@@ -60,12 +61,15 @@ def draw_mounting(seed: int, settings: SimulationSettings, profile: Sensor, indo
     rate, columns = rng.choices((10.0, 20.0, 5.0), (70, 15, 15))[0], rng.choice((0.5, 1.0))
     pace, sidewalk = rng.uniform(0.3, 1.5), rng.random() < 0.6
     ego = rng.choices(("standing", "slow", "stop_and_go", "turning"), (40, 28, 16, 16))[0]
+    noise = rng.choice((1.0, 1.0, 1.6, 2.5))
     if indoors:
         robot, height = True, rng.uniform(0.3, 1.8)
         ego = rng.choices(("standing", "slow", "stop_and_go", "turning"), (55, 22, 12, 11))[0]
     wide = settings.version > 1 and settings.sensor_variation
     if settings.mount_height is not None:
         height, robot = settings.mount_height, indoors or settings.mount_height < ROBOT
+    elif not (wide or indoors):
+        robot = False
     robot = robot and settings.version > 1
     turns = settings.rate or (rate if wide else profile.rate)
     return Mounting(
@@ -77,5 +81,6 @@ def draw_mounting(seed: int, settings: SimulationSettings, profile: Sensor, indo
         columns=columns if wide and turns < profile.rate else 1.0,
         pace=pace if robot else math.inf,
         sidewalk=robot and sidewalk,
+        noise=noise if indoors else 1.0,
         ego=ego if robot else "",
     )
