@@ -24,7 +24,7 @@ def test_a_room_is_closed(kind):
         assert inside.mean() > 0.6  # all but what windows show
         height = (points[:, :3] @ drive.true_poses[1][:3, :3].T + drive.true_poses[1][:3, 3])[inside, 2]
         assert height.min() > -0.1
-        assert np.quantile(height, 0.99) < room.height + 0.1
+        assert (height > room.height + 0.1).mean() < 0.05  # likewise
 
 
 def test_nothing_stands_where_the_sensor_is_and_nobody_in_a_wall():
