@@ -32,14 +32,10 @@ class Message:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a file begins as a bag does, or a folder has what makes it one."""
+    """Whether a file is a bag by its name, or a folder has what makes it one."""
     if path.is_dir():
         return (path / NOTE).is_file() and any(file.suffix in MAGIC for file in path.iterdir())
-    magic = MAGIC.get(path.suffix)
-    if magic is None or not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(magic)) == magic
+    return path.suffix in MAGIC and path.is_file()
 
 
 class Bag:
@@ -47,6 +43,8 @@ class Bag:
 
     def __init__(self, path: Path) -> None:
         """Raises SequenceError, MissingPackageError."""
+        if path.is_file() and not _begins_with(path, MAGIC[path.suffix]):
+            raise SequenceError(f"{path}: is no bag of ROS: it does not begin as one; was it cut off or overwritten?")
         need_package(ROSBAGS, f"{path}: a bag of ROS")
         from rosbags import rosbag1, rosbag2
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -99,6 +97,14 @@ class Bag:
             return decode(message.data, kind)
         except Exception as error:
             raise ScanError(f"{where}: cannot be read as {kind}: {_text(error)}") from error
+
+
+def _begins_with(path: Path, magic: bytes) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(magic)) == magic
+    except OSError as error:
+        raise SequenceError(f"{path}: cannot be read: {error.strerror}") from error
 
 
 def _text(error: Exception) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from runtime.errors import SequenceError, SettingError, some
-from runtime.recordings import argoverse, folder, kitti, ros
+from runtime.recordings import argoverse, folder, kitti, ros, single
 from runtime.recordings.recording import DEFAULTS, Indexed, Options
 
 
@@ -25,7 +25,7 @@ class Reader(Protocol):
         ...
 
 
-READERS: tuple[Reader, ...] = (kitti, argoverse, folder, ros)  # the first that finds anything takes it
+READERS: tuple[Reader, ...] = (kitti, argoverse, folder, ros, single)  # the first that finds anything takes it
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ def find_recordings(path: str | Path, names: tuple[str, ...] = ()) -> list[Found
     given = as_given(Path(path))
     if not given.exists():
         raise SequenceError(f"{given}: does not exist")
+    if given.is_file() and not given.stat().st_size:
+        raise SequenceError(f"{given}: is empty, a file of 0 bytes")
     for reader in READERS:
         if paths := reader.find(given):
             break

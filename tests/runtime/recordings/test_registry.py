@@ -36,7 +36,7 @@ def test_nothing_to_find(tmp_path):
         find_recordings(tmp_path)
     with pytest.raises(SequenceError, match="does not exist"):
         find_recordings(tmp_path / "absent")
-    (tmp_path / "file.xyz").touch()
+    (tmp_path / "file.xyz").write_text("1 2 3")
     with pytest.raises(SequenceError, match="no recording"):
         find_recordings(tmp_path / "file.xyz")
 
