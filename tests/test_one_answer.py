@@ -80,7 +80,10 @@ PLACES = {
             r"[\"'](poses|calib|times)\.txt[\"']",
             r"[\"']\.(bin|npy|pcd|las|laz|feather)[\"']",
         ),
-        {"mos_model/simulator/write.py": "how simulated drives are written"},
+        {
+            "mos_model/simulator/write.py": "how simulated drives are written",
+            "runtime/compute/packages.py": "an extra of that name",
+        },
     ),
     "which sensor is simulated": Place(
         "runtime/sensors/",

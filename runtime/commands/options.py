@@ -27,7 +27,7 @@ Input = Annotated[
     typer.Argument(
         metavar="INPUT",
         help="A KITTI sequence (.../sequences/NN), a root with several, or a folder of scans: "
-        ".bin, .npy, .pcd, .ply, .las, .laz, .feather; or a bag of ROS: .bag, .db3, .mcap.",
+        ".bin, .npy, .pcd, .ply, .las, .laz, .feather; a bag of ROS: .bag, .db3, .mcap; or .osf, .pcap.",
     ),
 ]
 Bundle = Annotated[Path | None, typer.Option(help="Bundle to use.", show_default=INSTALLED)]

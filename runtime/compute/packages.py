@@ -5,6 +5,7 @@ from importlib.util import find_spec
 from runtime.errors import MissingPackageError
 
 PILLOW, RERUN, LASPY, LAZRS, LZF, PYARROW, ROSBAGS = "PIL", "rerun", "laspy", "lazrs", "lzf", "pyarrow", "rosbags"
+OUSTER, VELODYNE = "ouster", "velodyne_decoder"
 _BROUGHT = {  # as pip knows them, and by which extra
     PILLOW: ("Pillow", "view"),
     RERUN: ("rerun-sdk", "view"),
@@ -13,6 +14,8 @@ _BROUGHT = {  # as pip knows them, and by which extra
     LZF: ("python-neo-lzf", "points"),
     PYARROW: ("pyarrow", "argoverse"),
     ROSBAGS: ("rosbags", "ros"),
+    OUSTER: ("ouster-sdk", "ouster"),
+    VELODYNE: ("velodyne-decoder", "velodyne"),
 }
 
 

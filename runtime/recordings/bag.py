@@ -5,14 +5,16 @@ import weakref
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from runtime.compute.packages import ROSBAGS, need_package
 from runtime.errors import MosWarning, ScanError, SequenceError
+from runtime.recordings.old_rosbags import NOTE, as_folder, is_old
 
 TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")  # the second of old bags of ROS 1
-NOTE = "metadata.yaml"  # of a folder that is a bag of ROS 2
 ROS1, MCAP, SQLITE = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 MAGIC = {".bag": ROS1, ".mcap": MCAP, ".db3": SQLITE}
 JOURNALS = ("-wal", "-journal")  # of SQLite
@@ -55,10 +57,16 @@ class Bag:
             if kind not in self._types.types:
                 self._types.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", kind))
         try:
+            if not self.ros1 and is_old():
+                links = TemporaryDirectory()
+                weakref.finalize(self, links.cleanup)
+                path = as_folder(path, Path(links.name))
             self._reader: Any = (rosbag1 if self.ros1 else rosbag2).Reader(path)
             self._reader.open()
         except Exception as error:  # of rosbags, of SQLite, of what unpacks: there is no common base
-            raise SequenceError(f"{path}: cannot be read as a bag: {_text(error)}{_repair(path)}") from error
+            repair = f"; {REPAIR[path.suffix]}" if path.suffix in REPAIR else ""
+            raise SequenceError(f"{self.path}: cannot be read as a bag: {_text(error)}{repair}") from error
+        path = self.path
         for file in [path] if path.is_file() else sorted(path.iterdir()):
             for journal in (file.with_name(file.name + end) for end in JOURNALS):
                 if file.suffix == ".db3" and journal.is_file() and journal.stat().st_size:
@@ -83,10 +91,10 @@ class Bag:
         Raises ScanError where the bag is broken.
         """
         connections = [one for one in self._reader.connections if one.topic == topic]
+        before = None if start is None else start - 1  # rosbags 0.9 leaves out chunks that end at `start`
         try:
-            for index, (_, time, data) in enumerate(self._reader.messages(connections, start)):
-                if index >= skip:
-                    yield Message(time, data)
+            there = (Message(time, data) for _, time, data in self._reader.messages(connections, before))
+            yield from islice((one for one in there if start is None or one.received >= start), skip, None)
         except Exception as error:  # as above
             raise ScanError(f"the bag is broken: {_text(error)}") from error
 
@@ -109,12 +117,3 @@ def _begins_with(path: Path, magic: bytes) -> bool:
 
 def _text(error: Exception) -> str:
     return f"{type(error).__name__}: {error}".rstrip(": .")
-
-
-def _repair(path: Path) -> str:
-    if path.is_file() and path.suffix != ".bag":
-        from importlib.metadata import version
-
-        if version("rosbags").startswith("0.9."):
-            return f". rosbags {version('rosbags')} reads only folders with {NOTE}: pip install 'rosbags>=0.10'"
-    return f"; {REPAIR[path.suffix]}" if path.suffix in REPAIR else ""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from runtime.errors import SequenceError, SettingError, some
-from runtime.recordings import argoverse, folder, kitti, ros, single
+from runtime.recordings import argoverse, folder, kitti, ouster_files, ros, single, velodyne_files
 from runtime.recordings.recording import DEFAULTS, Indexed, Options
 
 
@@ -25,7 +25,15 @@ class Reader(Protocol):
         ...
 
 
-READERS: tuple[Reader, ...] = (kitti, argoverse, folder, ros, single)  # the first that finds anything takes it
+READERS: tuple[Reader, ...] = (
+    kitti,
+    argoverse,
+    folder,
+    ros,
+    ouster_files,
+    velodyne_files,
+    single,
+)  # the first that finds anything takes it
 
 
 @dataclass(frozen=True)
