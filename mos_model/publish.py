@@ -3,8 +3,10 @@
 Keeps the tensors in half precision and chooses thresholds for every sensor of the network, and those of belief.
 """
 
+import multiprocessing
 import sys
 from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +15,7 @@ import typer
 
 from mos_model.networks.checkpoint import load, save
 from mos_model.tuning.belief import find_belief
-from mos_model.tuning.thresholds import find_thresholds
+from mos_model.tuning.thresholds import find_thresholds, sensor_classes
 from runtime.bundle.manifest import Tuned
 from runtime.commands.handler import run_alone
 from runtime.commands.output import show_line
@@ -38,6 +40,7 @@ def publish(
     drives: Annotated[
         int, typer.Option(min=0, help="Simulated drives for belief, 0: its numbers stay as they are")
     ] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Processes")] = 2,
     name: Annotated[str | None, typer.Option(help="Of the bundle", show_default="the network's")] = None,
     postprocess: Annotated[str | None, typer.Option(help="none, knn or head: the bundle's default")] = None,
     data: Annotated[
@@ -51,12 +54,16 @@ def publish(
     found = load(checkpoint)
     tuned = build(Tuned, found.training.get("tuned", {}), f"{checkpoint}: tuned", CheckpointError)
     decisions: dict[str, dict[str, float | None]] = {}
-    for one in find_thresholds(found, streets, tuned.candidate):
+    classes = sensor_classes(found.config.sensor, found.config.other_sensors)
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        belief = pool.submit(find_belief, checkpoint, tuned, drives) if drives else None
+        asked = [pool.submit(find_thresholds, checkpoint, sensors, streets, tuned.candidate) for sensors in classes]
+    for one in (each.result() for each in asked):
         decisions |= {each: one.decision for each in one.sensors}
         head = "" if one.head_iou is None else f"; point head {one.head_threshold:.3f}, {100 * one.head_iou:.1f}"
         show_line(f"{', '.join(one.sensors)}: threshold {one.threshold:.3f}, moving IoU {100 * one.iou:.1f}{head}")
-    if drives:
-        tuned = replace(tuned, belief=find_belief(found, tuned, drives))
+    if belief is not None:
+        tuned = replace(tuned, belief=belief.result())
         show_line(f"belief: {tuned.belief}")
     training = {
         "decisions": decisions,

@@ -1,12 +1,14 @@
 """From which probability on a point counts as moving where what past scans found at its place counts too."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 from mos_model.data.dataset import Sample
-from mos_model.networks.checkpoint import Checkpoint
+from mos_model.networks.checkpoint import Checkpoint, load
 from mos_model.simulator import simulate
 from mos_model.tuning.histogram import Histogram
 from mos_model.tuning.thresholds import LIGHT_TRAFFIC, QUIET, probabilities, samples_of
@@ -27,9 +29,10 @@ DELAY = 10  # scans, for which the threshold of what is judged later is found
 _NONE = np.empty(0, np.uint8)
 
 
-def find_belief(found: Checkpoint, tuned: Tuned, drives: int) -> BeliefNumbers:
+def find_belief(checkpoint: Path, tuned: Tuned, drives: int) -> BeliefNumbers:
     """The numbers of `tuned`, or the usual ones, with the thresholds of highest IoU where quiet drives stay quiet."""
-    online, delayed = Histogram(), Histogram()
+    torch.set_num_threads(1)
+    found, online, delayed = load(checkpoint), Histogram(), Histogram()
     numbers = tuned.belief or BeliefNumbers()
     names = [found.config.sensor, *found.config.other_sensors]
     for number in range(drives):

@@ -4,8 +4,9 @@ Drives that neither training nor validation saw, and light traffic, as on most s
 movers than life, and a threshold chosen on them would raise false alarms.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from mos_model.data.dataset import Sample, SampleConfig, SimulatedStreets
-from mos_model.networks.checkpoint import Checkpoint
+from mos_model.networks.checkpoint import Checkpoint, load
 from mos_model.tuning.histogram import Histogram
 from runtime.bundle.manifest import Tuned
 from runtime.classes import MOVING
@@ -24,6 +25,7 @@ Probabilities = NDArray[np.float32]
 CALIBRATION_STREETS = 15_000_000  # seeds from here on choose thresholds; validation has those below
 LIGHT_TRAFFIC = 0.35  # of the usual density
 QUIET = 0.001  # largest share of false alarms on streets without a mover
+AROUND = 0.8  # m, which is beyond the halo of the runtime
 ALIKE = (20, 40, 80, 1000)  # beams up to which sensors share their thresholds
 
 
@@ -52,13 +54,13 @@ def sensor_classes(own: str, others: Sequence[str]) -> list[tuple[str, ...]]:
     return [(own,), *(tuple(names) for _, names in sorted(classes.items()))]
 
 
-def find_thresholds(found: Checkpoint, streets: int, candidate: float) -> Iterator[Found]:
-    """The thresholds of highest IoU at which streets without a mover stay quiet, for all sensors of a network."""
-    for sensors in sensor_classes(found.config.sensor, found.config.other_sensors):
-        pixels, points = calibrate(found, streets, candidate, sensors=sensors)
-        threshold, iou = pixels.best_threshold(QUIET)
-        of_head = points.best_threshold(QUIET) if found.point_head is not None else (None, None)
-        yield Found(sensors, threshold, iou, *of_head)
+def find_thresholds(checkpoint: Path, sensors: tuple[str, ...], streets: int, candidate: float) -> Found:
+    """The thresholds of highest IoU at which streets without a mover stay quiet, for some sensors of a network."""
+    torch.set_num_threads(1)
+    found = load(checkpoint)
+    pixels, points = calibrate(found, streets, candidate, sensors=sensors)
+    of_head = points.best_threshold(QUIET) if found.point_head is not None else (None, None)
+    return Found(sensors, *pixels.best_threshold(QUIET), *of_head)
 
 
 def calibrate(
@@ -102,14 +104,26 @@ def samples_of(found: Checkpoint, sensor: str) -> SampleConfig:
 
 @torch.no_grad()
 def probabilities(found: Checkpoint, sample: Sample, candidate: float) -> tuple[Probabilities, Probabilities]:
-    """Probability of moving of the pixels (H, W), and of the points (N,): those of a candidate by the point head, of
-    others their pixel's."""
+    """Probability of moving of the pixels (H, W), and of the points (N,): those of a candidate by the point head, which
+    looks around them as in the runtime; of others their pixel's."""
     output = found.image_net(torch.from_numpy(sample.image[None]))
     image = output.logits[0].softmax(0)[MOVING]  # (H, W)
     pixel = torch.from_numpy(sample.pixel).long()
     points = image.flatten()[pixel]  # (N,)
-    if found.point_head is not None:
-        grid = found.point_head.grid(torch.from_numpy(sample.xyz))
-        refined = found.point_head(grid, output.features_at(0, pixel)).softmax(1)[:, MOVING]
-        points = torch.where(points > candidate, refined, points)
+    looked_at = torch.from_numpy(around(sample.xyz, points.numpy() > candidate))
+    if found.point_head is not None and looked_at.any():
+        grid = found.point_head.grid(torch.from_numpy(sample.xyz)[looked_at])
+        refined = found.point_head(grid, output.features_at(0, pixel[looked_at])).softmax(1)[:, MOVING]
+        before = points[looked_at]
+        points[looked_at] = torch.where(before > candidate, refined, before)
     return image.numpy(), points.numpy()
+
+
+def around(xyz: NDArray[np.float32], candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(N,) whether a point is in a cube of AROUND next to that of a candidate, or in it: what the point head looks at."""
+    cube = np.floor(xyz / AROUND).astype(np.int64)
+    steps = np.array((1, 1 << 20, 1 << 40))
+    neighbours = np.stack(np.meshgrid(*3 * [(-1, 0, 1)]), -1).reshape(-1, 3) @ steps
+    wanted = np.unique((cube[candidates] @ steps)[:, None] + neighbours)
+    inside: NDArray[np.bool_] = np.isin(cube @ steps, wanted)
+    return inside

@@ -111,13 +111,14 @@ def test_sensors_of_about_as_many_beams_share_thresholds():
     assert classes == [("hdl64e",), ("vlp16", "rs16"), ("hdl32e", "pandar40p"), ("os1-64",), ("vls128",)]
 
 
-def test_thresholds_of_belief_are_those_of_the_drives():
+def test_thresholds_of_belief_are_those_of_the_drives(tmp_path):
     torch.manual_seed(1)
     config = named_config("rt", 4, widths=(4, 4), other_sensors=("vlp16",), range_image=RangeImage(16, 64))
-    found = checkpoint.Checkpoint(config, config.build_image_network().eval(), None, {})
-    numbers = find_belief(found, Tuned(), 4)
+    path = tmp_path / "last.pt"
+    checkpoint.save(path, config, config.build_image_network())
+    numbers = find_belief(path, Tuned(), 4)
     assert numbers == replace(BeliefNumbers(), threshold=numbers.threshold, delayed_threshold=numbers.delayed_threshold)
-    assert numbers == find_belief(found, Tuned(), 4)
+    assert numbers == find_belief(path, Tuned(), 4)
     assert 0 < numbers.threshold != numbers.delayed_threshold > 0
 
 
