@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mos_model.data.dataset import SampleConfig, SimulatedStreets
+from mos_model.data.mixture import MixedDrives
 from runtime.bundle.residual import HISTORY
 from runtime.compute.workers import Workers
 from runtime.doctor.demand import demand_fit
@@ -26,8 +27,9 @@ class Scene(NamedTuple):
 
 
 def simulated(samples: SampleConfig, first: int, count: int) -> list[Scene]:
-    """Two scans of each of `count` simulated streets."""
-    streets = SimulatedStreets(samples, frames=2, every=4, first_street=first)
+    """Two scans of each of `count` simulated streets; of all sensors, where the network is for several."""
+    drives = MixedDrives if samples.other_sensors else SimulatedStreets
+    streets = drives(samples, frames=2, every=4, first_street=first)
     return [Scene(sample.image[None], sample.labels) for number in range(count) for sample in streets.group(number)]
 
 

@@ -65,6 +65,7 @@ class SampleConfig:
     """How a frame becomes a sample."""
 
     sensor: str | Sensor = DEFAULT_SENSOR  # or its name: what is simulated, and how far returns reach
+    other_sensors: tuple[str, ...] = ()  # that the network is for too, by their names
     range_image: RangeImage = field(default_factory=RangeImage)
     residual: Residual = field(default_factory=Residual)
     augmentation: Augmentation = NONE
@@ -81,7 +82,7 @@ class SampleConfig:
     @classmethod
     def of(cls, model: "ModelConfig", **others: Any) -> "SampleConfig":
         """As a network sees its sensor; `others` are fields of this class."""
-        return cls(model.sensor, model.range_image, model.residual, **others)
+        return cls(model.sensor, model.other_sensors, model.range_image, model.residual, **others)
 
     @property
     def reach(self) -> float:

@@ -120,7 +120,7 @@ def probabilities(found: Checkpoint, sample: Sample, candidate: float) -> tuple[
 
 
 def around(xyz: NDArray[np.float32], candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(N,) whether a point is in a cube of AROUND next to that of a candidate, or in it: what the point head looks at."""
+    """(N,) whether a point is in a cube of AROUND that has a candidate or touches one: what the point head looks at."""
     cube = np.floor(xyz / AROUND).astype(np.int64)
     steps = np.array((1, 1 << 20, 1 << 40))
     neighbours = np.stack(np.meshgrid(*3 * [(-1, 0, 1)]), -1).reshape(-1, 3) @ steps

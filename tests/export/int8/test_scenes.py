@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from export.int8.scenes import recorded
+from export.int8.scenes import CALIBRATION_STREETS, recorded, simulated
 from mos_model.data.dataset import SampleConfig
 from mos_model.simulator.write import write_dataset
 from runtime.errors import MosWarning, SequenceError
@@ -73,3 +73,9 @@ def test_no_or_too_few_scans_are_an_error(street, tmp_path):
         scan.unlink()
     with pytest.raises(SequenceError, match="at least 9"):
         recorded(short, SampleConfig())
+
+
+def test_scenes_of_a_network_for_several_sensors_have_several_sizes():
+    scenes = simulated(SampleConfig(other_sensors=("vlp16",)), CALIBRATION_STREETS, 4)
+    assert len({scene.image.shape for scene in scenes}) > 1
+    assert len(simulated(SampleConfig(sensor="vlp16"), CALIBRATION_STREETS, 1)) == 2

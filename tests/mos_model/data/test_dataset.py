@@ -174,7 +174,7 @@ def test_a_new_sensor_can_be_trained_on(contributed, monkeypatch):
     """One entry, as CONTRIBUTING says: its streets fill the rows that have beams."""
     new = contributed("runtime/sensors/acme.py").A20
     monkeypatch.setitem(SENSORS, new.name, new)
-    streets = SimulatedStreets(SampleConfig(new.name, new.range_image), frames=1)
+    streets = SimulatedStreets(SampleConfig(new.name, range_image=new.range_image), frames=1)
     (sample,) = streets.group(0)
     assert sample.image.shape == (13, 32, 1792)
     assert (sample.labels > 0).any(axis=1).tolist() == [True] * 20 + [False] * 12
