@@ -35,6 +35,18 @@ def thinned(drive: Drive, step: int) -> Drive:
     return some
 
 
+def ahead(drive: Drive, degrees: float) -> Drive:
+    """What a sensor without a turn sees of a drive: the points so many degrees about its front."""
+
+    def some() -> Iterator[Scan]:
+        for scan in drive():
+            azimuth = np.degrees(np.arctan2(scan.points[:, 1], scan.points[:, 0]))
+            kept = np.abs(azimuth) < degrees / 2
+            yield scan._replace(points=scan.points[kept], classes=scan.classes[kept])
+
+    return some
+
+
 def still(count: int) -> dict[str, tuple[str, list[Drive]]]:
     """Places without a mover: the sensor, and drives of each kind."""
     every = count // 2
@@ -78,6 +90,9 @@ def bench(
             matrix = score(drives, {"": with_runner(runner)})[""].matrix
             alarms[title] = {"false alarms": percent(matrix[STATIC, MOVING] / max(1, matrix[STATIC].sum()), 4)}
     found: dict[str, dict[str, float | None]] = {}
+    drives = [ahead(drive, 120) for drive in simulated("os1-64", STREETS, streets, frames)]
+    with MosRunner(bundle, threads=threads) as runner:
+        found["simulated os1-64, 120 degrees of its turn"] = scores(score(drives, {"": with_runner(runner)})[""])
     if kitti is not None:
         drive = real(kitti / "sequences/90")
         for step in (1, 2, 4):
