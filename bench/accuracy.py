@@ -1,7 +1,7 @@
 """Accuracy of bundles through MosRunner, beside what needs no training and another tool: `python -m bench.accuracy`.
 
-Every bundle that ships with each of its post-processings; the threshold on residuals; and, where it is installed,
-dynamic-object-removal. All of them see the same scans.
+Every bundle that ships with each of its post-processings, and with belief; the threshold on residuals; and, where it is
+installed, dynamic-object-removal. All of them see the same scans.
 """
 
 import sys
@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import typer
 
-from bench.peers import Label, peers, versions
+from bench.peers import Peer, peers, versions
 from bench.report import ROOT, save, show
 from mos_model.simulator import simulate
 from runtime import MosRunner
@@ -42,7 +42,7 @@ class Scan(NamedTuple):
 
 
 Drive = Callable[[], Iterator[Scan]]
-Labeller = Callable[[Scan], np.ndarray]  # moving (N,)
+System = Callable[[list[Scan]], Iterator[np.ndarray]]  # moving (N,) of each scan of a drive, in order
 
 
 def simulated(sensor: str, first: int, count: int, frames: int, **settings: object) -> list[Drive]:
@@ -68,61 +68,55 @@ def real(folder: Path, first: int = HISTORY, limit: int | None = None) -> Drive:
     return drive
 
 
-def score(drives: list[Drive], systems: Mapping[str, Callable[[], Labeller]]) -> dict[str, Confusion]:
-    """One confusion matrix over all scored scans for each system, which is started anew for every drive."""
+def score(drives: list[Drive], systems: Mapping[str, System]) -> dict[str, Confusion]:
+    """One confusion matrix over all scored scans for each system."""
     found = {name: Confusion() for name in systems}
     for drive in drives:
-        labellers = {name: start() for name, start in systems.items()}
-        for scan in drive():
-            for name, label in labellers.items():
-                moving = label(scan)
+        scans = list(drive())
+        for name, system in systems.items():
+            for scan, moving in zip(scans, system(scans), strict=True):
                 if scan.scored:
                     found[name].add(scan.classes, np.where(moving, MOVING, STATIC))
     return found
 
 
-def with_runner(runner: MosRunner) -> Callable[[], Labeller]:
-    """A bundle; scans that are not scored are only remembered, which leaves the same history."""
+def with_runner(runner: MosRunner, delay: bool = False) -> System:
+    """A bundle, with or without a delay. Scans that are not scored are only remembered, where no label waits for them:
+    that leaves the same history."""
 
-    def label(scan: Scan) -> np.ndarray:
-        if scan.scored:
-            return runner(scan.points, scan.pose).moving
-        runner.remember(scan.points, scan.pose)
-        return np.zeros(len(scan.points), bool)
-
-    def start() -> Labeller:
+    def label(scans: list[Scan]) -> Iterator[np.ndarray]:
         runner.reset()
-        return label
+        for scan in scans:
+            if not (scan.scored or delay):
+                runner.remember(scan.points, scan.pose)
+                yield np.zeros(len(scan.points), bool)
+            elif (result := runner(scan.points, scan.pose)) is not None:
+                yield result.moving
+        if delay:
+            yield from (result.moving for result in runner.flush())
 
-    return start
+    return label
 
 
-def residual_threshold(sensor: SensorEntry) -> Callable[[], Labeller]:
+def residual_threshold(sensor: SensorEntry) -> System:
     """Untrained: the median over the 8 past scans of (r_past - r_now) / r_now is above 0.1."""
 
-    def start() -> Labeller:
+    def label(scans: list[Scan]) -> Iterator[np.ndarray]:
         builder = InputBuilder(sensor.range_image, Residual(kind="signed"), Workers(2), sensor.reach)
         history = History()
-
-        def label(scan: Scan) -> np.ndarray:
+        for scan in scans:
             entered = builder.enter(scan.points)
             made = builder.build(entered, history.past(scan.pose))
             history.add(entered, scan.pose, None)
-            return (np.median(made.image[5:], axis=0) > 0.1).reshape(-1)[np.maximum(made.pixel, 0)] & entered.takes_part
+            changed = (np.median(made.image[5:], axis=0) > 0.1).reshape(-1)
+            yield changed[np.maximum(made.pixel, 0)] & entered.takes_part
 
-        return label
-
-    return start
+    return label
 
 
-def with_peer(start: Callable[[], Label]) -> Callable[[], Labeller]:
+def with_peer(peer: Peer) -> System:
     """Another tool, which sees every scan."""
-
-    def begin() -> Labeller:
-        label = start()
-        return lambda scan: label(scan.points, scan.pose)
-
-    return begin
+    return lambda scans: peer([scan.points for scan in scans], [scan.pose for scan in scans])
 
 
 def shipped() -> list[Path]:
@@ -139,16 +133,20 @@ def common_sensor(bundles: list[Bundle]) -> SensorEntry:
     return sensor
 
 
-def systems_of(bundles: list[Bundle], threads: int, precision: str) -> dict[str, Callable[[], Labeller]]:
-    """The threshold, and every bundle with every post-processing that it has."""
+def systems_of(bundles: list[Bundle], threads: int, precision: str) -> dict[str, System]:
+    """The threshold, and every bundle with each post-processing that it has, and with belief if it has numbers."""
     systems = {"residual threshold, untrained": residual_threshold(common_sensor(bundles))}
+
+    def runner(bundle: Bundle, kind: str, **settings: object) -> MosRunner:
+        return MosRunner(bundle.path, threads=threads, precision=precision, postprocess=kind, **settings)
+
     for bundle in bundles:
-        kinds = ["none", "knn"]
-        if bundle.manifest.point_head is not None:
-            kinds.append("head")
-        for kind in kinds:
-            runner = MosRunner(bundle.path, threads=threads, postprocess=kind, precision=precision)
-            systems[f"{bundle.path.name}, {kind}"] = with_runner(runner)
+        name, best = bundle.path.name, "none" if bundle.manifest.point_head is None else "head"
+        for kind in dict.fromkeys(("none", "knn", best)):
+            systems[f"{name}, {kind}"] = with_runner(runner(bundle, kind, belief="none"))
+        if bundle.manifest.tuned.belief is not None:
+            systems[f"{name}, {best}, belief"] = with_runner(runner(bundle, best))
+            systems[f"{name}, {best}, 10 scans later"] = with_runner(runner(bundle, best, delay=10), delay=True)
     return systems
 
 
@@ -172,7 +170,7 @@ def bench(
         alarms["real 00, frames 8-10"] = [real(kitti / "sequences/00", limit=11)]
     others, left_out = peers()
     systems = systems_of(loaded, threads, precision)
-    systems |= {name: with_peer(start) for name, start in others.items()}
+    systems |= {name: with_peer(peer) for name, peer in others.items()}
     rows: dict[str, dict[str, float | None]] = {name: {} for name in systems}
     for title, drives in sets.items():
         for name, found in score(drives, systems).items():

@@ -12,7 +12,7 @@ import typer
 
 from bench import accuracy
 from bench.accuracy import Scan, score, shipped, with_peer, with_runner
-from bench.peers import HINT, PEER, peers, versions
+from bench.peers import STREAMING, peers, versions
 from tests.support import street
 from tests.support.paths import BUNDLE
 
@@ -27,12 +27,15 @@ def drive(count=11):
 def test_every_system_sees_every_scan_and_starts_anew():
     seen = []
 
-    def start(share):
-        seen.append(share)
-        return lambda scan: np.arange(len(scan.points)) % 3 < share
+    def system(share):
+        def label(scans):
+            seen.append((share, len(scans)))
+            return (np.arange(len(scan.points)) % 3 < share for scan in scans)
 
-    found = score([drive, drive], {"all": lambda: start(3), "right": lambda: start(1)})
-    assert seen == [3, 1, 3, 1]
+        return label
+
+    found = score([drive, drive], {"all": system(3), "right": system(1)})
+    assert seen == [(3, 11), (1, 11)] * 2
     assert found["right"].iou == found["all"].recall == 1
     assert found["all"].precision == pytest.approx(1 / 3, abs=0.01)
 
@@ -54,6 +57,21 @@ def test_a_runner_sees_every_scan_once_in_order_and_starts_anew():
     assert score([drive, drive], {"": with_runner(Runner())})[""].iou == 1
 
 
+def test_results_that_come_later_are_those_of_their_own_scans():
+    class Runner:
+        def reset(self):
+            self.waiting = []
+
+        def __call__(self, points, pose):
+            self.waiting.append(SimpleNamespace(moving=np.arange(len(points)) % 3 == 0))
+            return self.waiting.pop(0) if len(self.waiting) > 2 else None
+
+        def flush(self):
+            return self.waiting
+
+    assert score([drive, drive], {"": with_runner(Runner(), delay=True)})[""].iou == 1
+
+
 def test_the_shipped_bundles_are_found():
     assert "rt" in [bundle.name for bundle in shipped()]
 
@@ -62,7 +80,7 @@ def test_a_peer_that_is_not_installed_is_left_out_with_the_reason(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     found, left_out = peers()
     assert found == {}
-    assert left_out == {PEER: HINT}
+    assert left_out == {STREAMING: f"not installed: pip install {STREAMING}"}
     assert versions() == {}
 
 
@@ -84,8 +102,8 @@ def test_a_peer_gets_points_of_the_world_and_tells_what_moves(monkeypatch):
     assert left_out == {}
     pose = np.array([[0.0, -1, 0, 5], [1, 0, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]])
     scan = np.array([[np.nan, 0, 0, 0], [1, 0, 0, 0], [2, 0, 1, 0]], np.float32)
-    for start in found.values():
-        moving = with_peer(start)()(Scan(scan, pose, np.ones(3), True))
+    for peer in found.values():
+        (moving,) = with_peer(peer)([Scan(scan, pose, np.ones(3), True)])
         np.testing.assert_array_equal(moving, [False, True, False])
         np.testing.assert_array_equal(calls[0][0], [[5, 7, 7], [5, 8, 8]])
         np.testing.assert_array_equal(calls[0][1], [5, 6, 7])
@@ -112,14 +130,16 @@ def test_streets_are_those_of_the_sensor_of_the_bundles(tmp_path, monkeypatch):
 
 def test_the_file_keeps_its_keys(tmp_path, monkeypatch):
     monkeypatch.setattr(accuracy, "simulated", lambda *a, **k: [drive])
-    monkeypatch.setattr(accuracy, "peers", lambda: ({}, {"other": HINT}))
-    monkeypatch.setattr(accuracy, "residual_threshold", lambda _: lambda: lambda scan: np.zeros(len(scan.points), bool))
+    monkeypatch.setattr(accuracy, "peers", lambda: ({}, {"other": "not here"}))
+    monkeypatch.setattr(
+        accuracy, "residual_threshold", lambda _: lambda scans: (np.zeros(len(scan.points), bool) for scan in scans)
+    )
     file = tmp_path / "accuracy.json"
     accuracy.bench([BUNDLE], streets=1, frames=3, quiet=10, threads=1, out=file)
     found = json.loads(file.read_text())
     settings = {"sensor", "streets", "frames", "quiet", "precision"}
     assert set(found) == {"machine", "percent", "left_out", "peers"} | settings
-    assert found["left_out"] == {"other": HINT}
+    assert found["left_out"] == {"other": "not here"}
     assert set(found["percent"]) == {"residual threshold, untrained", "bundle, none", "bundle, knn", "bundle, head"}
     columns = ["simulated iou", "simulated precision", "simulated recall", "quiet streets false alarms"]
     assert list(found["percent"]["bundle, knn"]) == columns
