@@ -42,10 +42,10 @@ def _scooter(rng: Random) -> Shape:
 
 def kick_scooter(rng: Random) -> tuple[Shape, float, float]:
     """Somebody who stands on an electric scooter."""
-    shape = list(pedestrian(rng, child=False).shape[:11])
+    shape = list(pedestrian(rng, runs=True, child=False).shape)  # elbows bent, nothing in hands
     for row in shape:
         row[3] += 0.14
-        row[19] = 0.0
+        row[17] = row[19] = 0.0
     shape += [
         box(-0.45, 0.4, 0.08, 0.08, 0.16, METAL, 0.2),
         capsule((0.45, 0, 0.1), (0.35, 0, 1.1), 0.025, METAL, 0.2),

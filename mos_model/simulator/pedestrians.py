@@ -41,13 +41,20 @@ def pedestrian(rng: Random, runs: bool = False, child: bool | None = None, indoo
         return Figure(_wheelchair(rng), 1.0, 0.7)
     k, wide = tall / 1.75, rng.uniform(0.85, 1.3)
     top, legs = _cloth(rng), _cloth(rng)
-    stride = k * (rng.uniform(2.0, 2.7) if runs else rng.uniform(1.3, 1.55))
+    amplitude = rng.uniform(0.55, 0.7) if runs else rng.uniform(0.27, 0.5)
+    stride = k * (rng.uniform(2.0, 2.7) if runs else 3.4 * amplitude * rng.uniform(0.95, 1.1))
     phase = rng.uniform(0, 2 * math.pi)
     busy = {"pram": 2, "trolley": 1, "bin": 1, "umbrella": 1, "phone": 1, "bicycle": 2, "dog": 1}.get(kind, 0)
-    shape = [
-        ellipsoid((0.02 * k, 0, 0.93 * tall), (0.1 * k, 0.08 * k, 0.07 * tall), CLOTH, rng.choice((0.15, 0.3, 0.45))),
-        ellipsoid((0, 0, 0.68 * tall), (0.13 * k * wide, 0.2 * k * wide, 0.18 * tall), CLOTH, top),
-    ]
+    pockets = busy == 0 and not runs and rng.random() < 0.12
+    lean, hair = tall * rng.gauss(0.015, 0.02), rng.uniform(0.9, 1.35)
+    skull = (0.1 * k * hair, 0.08 * k * hair, 0.07 * tall * min(hair, 1.15))
+    shape = [ellipsoid((2 * lean + 0.02 * k, 0, 0.93 * tall), skull, CLOTH, rng.choice((0.05, 0.15, 0.3, 0.45)))]
+    deep, half = 0.13 * k * wide, 0.2 * k * wide
+    if rng.random() < 0.35:  # a jacket
+        low, high = 0.5 * tall, rng.uniform(0.82, 0.85) * tall
+        shape.append(frustum(low, high, -deep, deep, lean - deep, lean + 0.8 * deep, half, 0.85 * half, CLOTH, top))
+    else:
+        shape.append(ellipsoid((lean, 0, 0.68 * tall), (deep, half, 0.18 * tall), CLOTH, top))
     if kind in ("coat", "skirt"):
         low, high = (0.22, 0.7) if kind == "coat" else (rng.uniform(0.08, 0.35), 0.6)
         shape.append(
@@ -55,16 +62,27 @@ def pedestrian(rng: Random, runs: bool = False, child: bool | None = None, indoo
         )
     else:
         shape.append(ellipsoid((0, 0, 0.52 * tall), (0.12 * k * wide, 0.17 * k * wide, 0.08 * tall), CLOTH, legs))
-    amplitude = rng.uniform(0.55, 0.7) if runs else rng.uniform(0.38, 0.5)
+    trousers, sleeves, vivid = rng.uniform(0.75, 1.5), rng.uniform(0.8, 1.6), rng.uniform(0.1, 1.0)
+    toes = rng.uniform(0.0, 0.09)
     for side in (-1, 1):
-        shape += _leg(side, k, wide, legs, (side * amplitude, stride, phase), 1.7 if runs else rng.uniform(0.6, 1.0))
+        shape += _leg(
+            side,
+            k,
+            wide * trousers,
+            toes,
+            legs,
+            (side * amplitude, stride, phase),
+            1.7 if runs else rng.uniform(0.6, 1.0),
+        )
     for side in (1, -1):
         busy -= 1
-        swing = (-0.8 * side * amplitude, stride, phase)
+        swing = (-vivid * side * amplitude, stride, phase)
         bend = 1.5 if runs else rng.uniform(0.1, 0.4)
         if busy >= 0:
             swing, bend = (0.0, 1.0, 0.0), rng.uniform(1.2, 1.8) if kind in ("umbrella", "phone") else 0.8
-        shape += _arm(side, k, wide, tall, top, swing, bend)
+        if pockets:
+            swing, bend = (0.0, 1.0, 0.0), 0.6
+        shape += _arm(k, (1.6 * lean, 0.235 * side * k * wide, 0.8 * tall), 0.046 * k * sleeves, top, swing, bend)
     more, length, width = _extra(rng, kind, k, tall)
     bob = 0.09 if runs else rng.uniform(0.03, 0.055)
     return Figure(shape + more, length, width, stride, phase, k * bob, k * rng.uniform(0.01, 0.03))
@@ -98,21 +116,21 @@ def _hanging(row: Row, bend: float, fixed: float) -> Row:
     return row
 
 
-def _leg(side: int, k: float, wide: float, albedo: float, swing: Numbers, bend: float) -> Shape:
+def _leg(side: int, k: float, wide: float, toes: float, albedo: float, swing: Numbers, bend: float) -> Shape:
     y = 0.1 * side * k
     hip, knee = (0.0, y, 0.88 * k), (0.0, y, 0.48 * k)
     return [
         capsule(hip, knee, 0.08 * k * wide, CLOTH, albedo, swing=swing),
-        _hanging(capsule(knee, (0.02, y, 0.06 * k), 0.055 * k * wide, CLOTH, albedo, swing=swing), -bend, 0.0),
+        _hanging(capsule(knee, (toes, y, 0.06 * k), 0.055 * k * wide, CLOTH, albedo, swing=swing), -bend, 0.0),
     ]
 
 
-def _arm(side: int, k: float, wide: float, tall: float, albedo: float, swing: Numbers, bend: float) -> Shape:
-    y, shoulder = 0.235 * side * k * wide, 0.8 * tall
-    elbow = shoulder - 0.29 * k
+def _arm(k: float, shoulder: Numbers, thick: float, albedo: float, swing: Numbers, bend: float) -> Shape:
+    x, y, z = shoulder
+    elbow = z - 0.29 * k
     return [
-        capsule((0, y, shoulder), (0, y, elbow), 0.05 * k, CLOTH, albedo, swing=swing),
-        _hanging(capsule((0, y, elbow), (0, y, elbow - 0.3 * k), 0.042 * k, CLOTH, albedo, swing=swing), 0.0, bend),
+        capsule((x, y, z), (x, y, elbow), thick, CLOTH, albedo, swing=swing),
+        _hanging(capsule((x, y, elbow), (x, y, elbow - 0.3 * k), 0.85 * thick, CLOTH, albedo, swing=swing), 0.0, bend),
     ]
 
 
