@@ -38,7 +38,7 @@ def test_knees_bend_backwards_and_limbs_hang_together():
         np.testing.assert_allclose(np.linalg.norm(now[rods, 9:12] - now[rods, 6:9], axis=1), length[rods], rtol=1e-9)
         lean = np.arctan2(now[:, 9] - now[:, 6], now[:, 8] - now[:, 11])  # forward from hanging down
         for shank in limbs[:2]:
-            assert lean[shank] < lean[shank - 1] + 0.06
+            assert lean[shank] < lean[shank - 1] + 0.23  # the toes are before the ankle
         for forearm in limbs[2:]:
             assert lean[forearm] > lean[forearm - 1]
     np.testing.assert_array_equal(rest, placed(figure, 0.4, 0.0))  # who stands keeps still
