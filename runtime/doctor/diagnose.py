@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from runtime.doctor.check_alignment import check_alignment
+from runtime.doctor.check_cloud import check_cloud
 from runtime.doctor.check_files import check_files
 from runtime.doctor.check_poses import check_rigid, check_steps, check_times
 from runtime.doctor.check_scans import check_scans
@@ -47,6 +48,7 @@ def diagnose(recording: Indexed, sensor: RangeImage | None = None) -> list[Findi
     samples = _read_samples(recording)
     if samples:
         found += check_scans(samples)
+        found += check_cloud(recording)
         found += check_sensor(samples, sensor) if sensor else []
     if recording.times is not None:
         found += check_times(recording.times)

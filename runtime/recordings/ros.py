@@ -18,7 +18,7 @@ from runtime.recordings.recording import Indexed, Options, Scan
 from runtime.recordings.remission import FIRST, Remission
 from runtime.recordings.ros_poses import read_topic_poses
 from runtime.recordings.ros_stamps import Stamps
-from runtime.recordings.ros_topics import CLOUD, choose_topic
+from runtime.recordings.ros_topics import CLOUD, choose_topic, warn_of_changed
 
 TITLE = "a bag of ROS 1 or 2 (.bag, .db3, .mcap)"
 
@@ -46,6 +46,7 @@ class RosRecording(Indexed):
         self.name, self.source = path.stem if path.is_file() else path.name, str(path)
         self._bag, self._topic = bag, choose_topic(bag, CLOUD, options.topic)
         self._stamps = Stamps.of(bag, self._topic, options.limit)
+        warn_of_changed(self.source, self._topic, self._stamps.frame)
         self.keys = tuple(f"{index:06d}" for index in range(len(self._stamps.counts)))
         self.times = None if options.points_only else self._stamps.times
         self._poses = None if options.points_only else self._read_poses(options)

@@ -1,9 +1,14 @@
 """Which topic of a bag holds what."""
 
-from runtime.errors import SequenceError, some
+import re
+import warnings
+
+from runtime.errors import MosWarning, SequenceError, some
 from runtime.recordings.bag import Bag
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
+CHANGED = re.compile(r"concat|merge|combine|fuse|filter|downsample|voxel|crop|no_?ground|deskew|undistort|motion_?comp")
+VEHICLE = re.compile(r"(base|body|ego|vehicle|chassis|robot|imu)(_?(link|footprint|frame|vehicle))?|map|odom|world")
 DRIVER = "the driver that recorded it, which gives PointCloud2 when the bag is played"
 PACKETS = {  # messages of drivers: whose they are, and what decodes them, by how their type begins
     "ouster": ("packets of an Ouster driver", f"ouster-sdk, or {DRIVER}"),
@@ -42,3 +47,19 @@ def listed(bag: Bag, names: list[str]) -> str:
     topics = bag.topics()
     there = [f"{name} ({topics[name][0]}, {topics[name][1]} messages)" for name in names]
     return f"there are {some(there, most=12)}" if there else "there is none"
+
+
+def warn_of_changed(source: str, topic: str, frame: str) -> None:
+    """MosWarning where names say that clouds are not those of one LiDAR as it measured them."""
+    why = []
+    if found := CHANGED.search(topic.lower()):
+        why.append(f"{topic} sounds as if its clouds were changed ({found[0]})")
+    if VEHICLE.fullmatch(frame.rpartition("/")[2].lower()):
+        why.append(f"the points are in {frame}, which is not the frame of a LiDAR")
+    if why:
+        warnings.warn(
+            f"{source}: {' and '.join(why)}: labels are right for the points of one LiDAR, all that it measured, in "
+            f"its own frame; choose its own topic where there is one (`topic`)",
+            MosWarning,
+            stacklevel=2,
+        )

@@ -269,3 +269,18 @@ def test_memory_does_not_grow_with_the_bag(path, kind):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 15 * scan.nbytes
+
+
+@pytest.mark.parametrize(
+    ("topic", "frame", "words"),
+    [
+        ("/sensing/lidar/concatenated/pointcloud", "lidar", "sounds as if its clouds were changed (concat)"),
+        ("/points", "robot1/base_link", "the points are in robot1/base_link, which is not the frame of a LiDAR"),
+    ],
+)
+def test_names_of_changed_clouds(tmp_path, scans, topic, frame, words):
+    with BagWriter(tmp_path / "log.bag", "bag") as bag:
+        bag.cloud(scans[0], 0.0, topic=topic, frame=frame)
+    with pytest.warns(MosWarning) as said:
+        open_recording(tmp_path / "log.bag", POINTS)
+    assert words in str(said[0].message)
