@@ -18,6 +18,7 @@ from runtime import MosRunner
 from runtime.bundle.residual import HISTORY
 from runtime.classes import MOVING, to_classes
 from runtime.commands.handler import run_alone
+from runtime.sensors.registry import DEFAULT_SENSOR
 
 STREETS = 12_500_000  # seeds
 BEFORE, AFTER = 5, 12  # scans in which it did the one, and then the other
@@ -87,7 +88,7 @@ def bench(
     runners = {name: MosRunner(bundle, threads=threads, **settings) for name, settings in SYSTEMS.items()}
     found: dict[tuple[str, bool], list[int]] = defaultdict(list)
     for seed in range(STREETS, STREETS + streets):
-        scans = list(simulate(seed, frames, "hdl64e", version=version, rate=10.0, mount_height=1.73, pitch=0.0))
+        scans = list(simulate(seed, frames, DEFAULT_SENSOR, version=version, rate=10.0, mount_height=1.73, pitch=0.0))
         for name, runner in runners.items():
             runner.reset()
             results = [result for scan in scans if (result := runner(scan.points, scan.pose)) is not None]
