@@ -17,6 +17,14 @@ class PoseError(MosError, ValueError):
     """A pose is missing, not finite or not a rigid transform."""
 
 
+class NoPosesError(PoseError):
+    """A recording has no poses at all; odometry may find them."""
+
+
+class LostError(PoseError):
+    """An odometry cannot say how a scan lies to those before it."""
+
+
 class SequenceError(MosError, ValueError):
     """A folder of scans, poses, calibration or labels does not fit together."""
 

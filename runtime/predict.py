@@ -184,7 +184,7 @@ class _Run:
         """Run and write one scan, and note seconds of each stage."""
         while self._unseen:
             past = self._unseen.popleft()
-            self.runner.remember(past.data, past.known_pose(), past.time)
+            self.runner.remember(past)
         begun = time.perf_counter()
         result = self._result(read)
         ran = time.perf_counter()
@@ -201,8 +201,7 @@ class _Run:
         """The result of the first of the scans ahead, once the runner has seen all of them."""
         for one in self._ahead:
             if not one.known:
-                given = one.scan
-                result = self.runner(given.data, given.known_pose(), given.time)
+                result = self.runner(one.scan)
                 one.known = True
                 self._given.append(one)
                 self._take([result] if result else [])

@@ -31,7 +31,9 @@ from runtime.image.image_net import ImageNet
 from runtime.image.inputs import ImageInput, InputBuilder
 from runtime.image.precision import choose_precision
 from runtime.image.projection import project_scan
-from runtime.recordings.poses import Pose, check_pose
+from runtime.odometry.intake import Intake, Taken
+from runtime.recordings.poses import Pose
+from runtime.recordings.recording import Scan
 from runtime.settings import RunnerSettings
 
 log = logging.getLogger("lidar_mos")
@@ -46,6 +48,7 @@ class MosResult:
     ready: bool  # the history was full: all residual images had a scan
     timing: dict[str, float]  # s: "input", "network", "postprocess", "belief", "history", "total"
     index: int  # of the scan, counted since `reset()`
+    pose: Pose  # (4, 4) T_world_lidar that the scan was taken to have
 
 
 class MosRunner:
@@ -90,6 +93,7 @@ class MosRunner:
         self.postprocess, self._refiner = choose_refiner(self.bundle, given, self.workers, started)
         self._believer = choose_believer(given, self.postprocess, manifest, self.workers)
         self._delay = Delay(given.delay, self._believer.judge, _with_labels)
+        self._intake = Intake(given.odometry, given.deskew)
         self._scans = 0  # since `reset()`
         self._history = History(manifest.tuned)
         self._doctor = Watch(sensor.range_image)
@@ -114,6 +118,7 @@ class MosRunner:
             self._believer.clear()
             self._delay.clear()
             self._doctor.reset()
+            self._intake.reset()
             self._scans = 0
 
     def flush(self) -> list[MosResult]:
@@ -135,7 +140,13 @@ class MosRunner:
     ) -> None:
         self.close()
 
-    def __call__(self, scan: ArrayLike, pose: ArrayLike, time: float | None = None) -> MosResult | Any:
+    def __call__(
+        self,
+        scan: ArrayLike | Scan,
+        pose: ArrayLike | None = None,
+        time: float | None = None,
+        times: ArrayLike | None = None,
+    ) -> MosResult | Any:
         """Label the next scan of a sequence.
 
         With a delay the result is that of the scan so many calls before, and None until there is one. A jump makes
@@ -143,35 +154,46 @@ class MosRunner:
 
         scan: (N, 4) f32 or f64 x, y, z in m, LiDAR frame, and remission in 0..1; (N, 3), and remission that is not
             finite, take the mean remission that the network subtracts. Points at the origin, beyond the sensor's
-            reach, or with a coordinate that is not finite, are never moving and have probability 0.
-        pose: (4, 4) T_world_lidar, rigid.
+            reach, or with a coordinate that is not finite, are never moving and have probability 0. Or a `Scan` of a
+            recording, which brings the rest.
+        pose: (4, 4) T_world_lidar, rigid; None: found by the setting `odometry`.
         time: s, to notice gaps; optional.
+        times: (N,) s after `time` at which each point was measured, while the LiDAR moved on; optional. Then all are
+            brought to the middle of the sweep, by the motion since the scan before.
 
         A jump of pose or time drops the history, with a MosWarning. What `mos doctor` calls bad about scans and poses
         (unit, remission, axes; poses of another frame or scale) is a MosWarning too, once a topic until `reset()`.
-        Raises ScanError, PoseError, SettingError (of the time) or InferenceError; the state is then as it was.
+        Where the odometry is lost, the history is dropped in the same way.
+        Raises ScanError, PoseError, SettingError (of the time) or InferenceError; the state is then as it was, but for
+        what an odometry has seen.
         """
         with self._lock:
-            result, places = self._step(scan, pose, time)
+            result, places = self._step(scan, pose, time, times)
             self._delay.put(result.index, result, places)
             return self._delay.due(result.index)
 
-    def remember(self, scan: ArrayLike, pose: ArrayLike, time: float | None = None) -> None:
+    def remember(
+        self,
+        scan: ArrayLike | Scan,
+        pose: ArrayLike | None = None,
+        time: float | None = None,
+        times: ArrayLike | None = None,
+    ) -> None:
         """Put a scan into the history without a result, to go on in the middle of a sequence.
 
         With belief it is labelled all the same, since labels are what is believed.
         """
         with self._lock:
             if self._believer.horizon:
-                self._step(scan, pose, time)
+                self._step(scan, pose, time, times)
             else:
-                self._pass(scan, pose, time)
+                self._pass(scan, pose, time, times)
 
-    def _step(self, scan: ArrayLike, pose: ArrayLike, time: float | None) -> tuple[MosResult, Places | None]:
+    def _step(self, *given: Any) -> tuple[MosResult, Places | None]:
         """Label a scan and remember it."""
         watch = Stopwatch()
-        entered, checked, jump = self._enter(scan, pose, time)
-        past = [] if jump else self._history.past(checked)
+        taken, entered, jump = self._enter(*given)
+        past = [] if jump else self._history.past(taken.pose)
         # Project and compare: the range image and its residuals
         projected = self._inputs.project(entered, past)
         image = self._inputs.residuals(projected, past)
@@ -179,26 +201,28 @@ class MosRunner:
         # Infer and refine: from pixels to points
         labels = self._label(entered, image, watch)
         # Believe: what the last scans found at these places
-        labels, places = self._believer.believe(entered, checked, labels, follows=bool(past))
+        labels, places = self._believer.believe(entered, taken.pose, labels, follows=bool(past))
         watch.lap("belief")
         # Remember
-        look = self._doctor.look(scan, image, past)
-        index = self._remember(entered, checked, time, jump, look, places)
+        look = self._doctor.look(taken.data, image, past)
+        index = self._remember(taken, entered, jump, look, places)
         watch.lap("history")
-        return MosResult(*labels, len(past) == HISTORY, watch.timing(), index), places
+        return MosResult(*labels, len(past) == HISTORY, watch.timing(), index, taken.pose.copy()), places
 
-    def _pass(self, scan: ArrayLike, pose: ArrayLike, time: float | None) -> None:
+    def _pass(self, *given: Any) -> None:
         """Remember a scan without labelling it."""
-        entered, checked, jump = self._enter(scan, pose, time)
-        self._remember(entered, checked, time, jump)
+        self._remember(*self._enter(*given))
 
-    def _enter(self, scan: ArrayLike, pose: ArrayLike, time: float | None) -> tuple[Entered, Pose, str]:
-        """The scan in a buffer of this runner, its pose, and in what it does not follow the one before; all checked."""
+    def _enter(
+        self, scan: ArrayLike | Scan, pose: ArrayLike | None, time: float | None, times: ArrayLike | None
+    ) -> tuple[Taken, Entered, str]:
+        """The scan with its pose, its points in a buffer of this runner, and in what it follows none ("": it does)."""
         if self._closed:
             raise InferenceError("this runner is closed: make a new MosRunner")
         _check_time(time)
-        entered, checked = self._inputs.enter(scan), check_pose(pose, "pose")
-        return entered, checked, self._history.jump(checked, time)
+        taken = self._intake.take(scan, pose, time, times)
+        entered = self._inputs.enter(taken.data)
+        return taken, entered, taken.lost or self._history.jump(taken.pose, taken.time)
 
     def _label(self, scan: Entered, image: ImageInput, watch: Stopwatch) -> PointLabels:
         """Infer, and refine."""
@@ -214,9 +238,8 @@ class MosRunner:
 
     def _remember(
         self,
-        scan: Entered,
-        pose: Pose,
-        time: float | None,
+        taken: Taken,
+        entered: Entered,
         jump: str,
         look: Look | None = None,
         places: Places | None = None,
@@ -231,7 +254,8 @@ class MosRunner:
             self._believer.clear()
         if look:
             self._doctor.keep(look)
-        self._history.add(scan, pose, time)
+        self._intake.keep(taken)
+        self._history.add(entered, taken.pose, taken.time)
         self._believer.add(places)
         self._delay.reach(self._scans)
         self._scans += 1

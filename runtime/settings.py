@@ -34,6 +34,8 @@ class RunnerSettings:
     # delay, and where the bundle has numbers for it and points do not vote
     belief: str = "auto"
     delay: int = 0  # later scans that count too: a call returns the result of the scan so many calls before
+    odometry: Any = None  # "kiss", or an `Odometry`: finds the poses that are not given; None: all must be
+    deskew: bool = True  # points with times are brought to the middle of their sweep
     providers: Sequence[Any] | None = None  # of ONNX Runtime, best first, each a name or (name, options); None: the CPU
     allow_fallback: bool = False  # a provider that is not there is left out with a warning, instead of an error
     session_options: Mapping[str, str] = field(default_factory=dict)  # of ONNX Runtime's session configuration

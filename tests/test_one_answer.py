@@ -83,6 +83,7 @@ PLACES = {
         {
             "mos_model/simulator/write.py": "how simulated drives are written",
             "runtime/compute/packages.py": "an extra of that name",
+            "runtime/odometry/pose_store.py": "how poses that were found are kept",
         },
     ),
     "which sensor is simulated": Place(

@@ -14,14 +14,16 @@ from runtime.commands.options import (
     Frame,
     Input,
     Names,
+    NoDeskew,
+    Odometry,
     Poses,
     PoseTopic,
     RemissionScale,
     Topic,
-    check_poses,
     wrong_usage,
 )
 from runtime.commands.output import say, show_line, show_rows, worded
+from runtime.commands.recordings import recording_options, with_found_poses
 from runtime.errors import BundleError
 
 if TYPE_CHECKING:
@@ -43,30 +45,32 @@ def doctor(
     pose_topic: PoseTopic = None,
     columns: Columns = None,
     remission_scale: RemissionScale = None,
+    odometry: Odometry = None,
+    no_deskew: NoDeskew = False,
 ) -> None:
     """Look at scans and poses and say in plain words what does not fit. Exit code 1 if anything is bad."""
-    check_poses(frame, calib)
     from runtime.doctor.diagnose import examine
-    from runtime.recordings.recording import Options
     from runtime.recordings.registry import check_options, find_recordings
 
     found = find_recordings(path, tuple(names or ()))
+    options = recording_options(
+        odometry,
+        no_deskew,
+        poses=poses,
+        calib=calib,
+        frame=frame,
+        topic=topic,
+        pose_topic=pose_topic,
+        extrinsics=extrinsics,
+        columns=columns,
+        remission_scale=remission_scale,
+    )
     with wrong_usage():
-        options = Options(
-            poses,
-            calib,
-            frame,
-            topic=topic,
-            pose_topic=pose_topic,
-            extrinsics=extrinsics,
-            columns=columns,
-            remission_scale=remission_scale,
-        )
         check_options(found, options)
     sensor = _sensor(bundle)
     bad = False
     for one in found:
-        findings = examine(one, sensor, options)
+        findings = examine(one, sensor, options, lambda given: with_found_poses(given, options))
         show_findings(one.path, findings)
         bad |= any(finding.level == "bad" for finding in findings)
     raise typer.Exit(1 if bad else 0)

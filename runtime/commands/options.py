@@ -20,6 +20,13 @@ class PoseFrame(StrEnum):
     LIDAR = "lidar"
 
 
+class OdometryName(StrEnum):
+    """What finds poses."""
+
+    KISS = "kiss"
+    NONE = "none"
+
+
 INSTALLED = "the one that is installed"
 
 Input = Annotated[
@@ -63,6 +70,16 @@ PoseTopic = Annotated[
     str | None,
     typer.Option(help="Topic of the poses in a bag.", show_default="the only odometry in the frame of the points"),
 ]
+Odometry = Annotated[
+    OdometryName | None,
+    typer.Option(
+        help="kiss: find the poses by KISS-ICP, whatever is given; none: they must be given.",
+        show_default="kiss, where none are given",
+    ),
+]
+NoDeskew = Annotated[
+    bool, typer.Option("--no-deskew", help="Leave points with times as they were measured, one after the other.")
+]
 Columns = Annotated[
     int | None,
     typer.Option(min=3, help="Numbers a point in .bin files.", show_default="4, or 5 if the fifth is a ring"),
@@ -71,12 +88,6 @@ RemissionScale = Annotated[
     float | None,
     typer.Option(help="Full remission in the files, by which it is divided.", show_default="as the first scans show"),
 ]
-
-
-def check_poses(frame: PoseFrame | None, calib: Path | None) -> None:
-    """Refuse a calibration that would not be used."""
-    if frame is PoseFrame.LIDAR and calib is not None:
-        raise typer.BadParameter("poses of the LiDAR (--pose-frame lidar) need no --calib: leave out one of the two")
 
 
 @contextmanager

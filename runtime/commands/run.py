@@ -16,15 +16,17 @@ from runtime.commands.options import (
     Frame,
     Input,
     Names,
+    NoDeskew,
+    Odometry,
     Poses,
     PoseTopic,
     RemissionScale,
     Threads,
     Topic,
-    check_poses,
     wrong_usage,
 )
 from runtime.commands.output import Terminal, say, show_line
+from runtime.commands.recordings import recording_options, with_found_poses
 from runtime.commands.runner_options import (
     DEFAULTS,
     Belief,
@@ -66,6 +68,8 @@ def run(
     pose_topic: PoseTopic = None,
     columns: Columns = None,
     remission_scale: RemissionScale = None,
+    odometry: Odometry = None,
+    no_deskew: NoDeskew = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace predictions instead of continuing them.")
     ] = False,
@@ -87,7 +91,6 @@ def run(
 
     An interrupted run goes on where it was when the same command is given again.
     """
-    check_poses(frame, calib)
     settings = runner_settings(
         threads=threads,
         postprocess=postprocess,
@@ -96,29 +99,33 @@ def run(
         precision=precision,
         belief=belief,
         delay=delay,
+        deskew=not no_deskew,
         providers=[provider(text) for text in providers or ()] or None,
         allow_fallback=allow_fallback,
         session_options=dict(key_value(text) for text in session_options or ()),
     )
 
-    from runtime.recordings.recording import Options
+    options = recording_options(
+        odometry,
+        no_deskew,
+        poses=poses,
+        calib=calib,
+        frame=frame,
+        limit=limit,
+        topic=topic,
+        pose_topic=pose_topic,
+        extrinsics=extrinsics,
+        columns=columns,
+        remission_scale=remission_scale,
+        skip_broken=skip_broken,
+    )
+
     from runtime.recordings.registry import open_recordings
 
     with wrong_usage():
-        options = Options(
-            poses,
-            calib,
-            frame,
-            limit,
-            topic=topic,
-            pose_topic=pose_topic,
-            extrinsics=extrinsics,
-            columns=columns,
-            remission_scale=remission_scale,
-            skip_broken=skip_broken,
-        )
         recordings = open_recordings(path, tuple(names or ()), options)
 
+    from runtime.predict import predictions_folder
     from runtime.runner import MosRunner
 
     try:
@@ -127,7 +134,8 @@ def run(
             raise typer.BadParameter(
                 f"--refine and --head-engine are for the point head, not for --postprocess {runner.postprocess}"
             )
-        for recording in recordings:
+        for given in recordings:
+            recording = with_found_poses(given, options, predictions_folder(out, given).parent)
             told = _warn_of_misfits(recording, runner.bundle.manifest.sensor.range_image, skip_broken)
             with warnings.catch_warnings():
                 for topic in told:

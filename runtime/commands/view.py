@@ -15,15 +15,19 @@ from runtime.commands.options import (
     Extrinsics,
     Frame,
     Input,
+    NoDeskew,
+    Odometry,
     Poses,
     PoseTopic,
     RemissionScale,
     Topic,
-    check_poses,
     wrong_usage,
 )
 from runtime.commands.output import show_line
+from runtime.commands.recordings import recording_options, with_found_poses
 from runtime.errors import SettingError
+
+LEAD = 40  # scans before the first that is shown: those that its labels depend on, and some to find the poses by
 
 
 def view(
@@ -61,9 +65,10 @@ def view(
     pose_topic: PoseTopic = None,
     columns: Columns = None,
     remission_scale: RemissionScale = None,
+    odometry: Odometry = None,
+    no_deskew: NoDeskew = False,
 ) -> None:
     """Draw what moves: found, missed and false movers where there are labels (extra 'view')."""
-    check_poses(frame, calib)
     suffix = out.suffix.lower()
     if count is not None and suffix == ".png":
         raise typer.BadParameter(f"--count is for a .gif or .rrd, and {out} shows one scan, chosen by --scan")
@@ -74,25 +79,28 @@ def view(
 
     from runtime.commands.progress import counted
     from runtime.pictures import check_output
-    from runtime.pictures.drawing import draw
-    from runtime.recordings.recording import Options
+    from runtime.pictures.drawing import choose_scans, draw
     from runtime.recordings.registry import open_recording
 
     check_output(out)
     if show:
         check_display(out)
+    options = recording_options(
+        odometry,
+        no_deskew,
+        poses=poses,
+        calib=calib,
+        frame=frame,
+        topic=topic,
+        pose_topic=pose_topic,
+        extrinsics=extrinsics,
+        columns=columns,
+        remission_scale=remission_scale,
+    )
     with wrong_usage():
-        options = Options(
-            poses,
-            calib,
-            frame,
-            topic=topic,
-            pose_topic=pose_topic,
-            extrinsics=extrinsics,
-            columns=columns,
-            remission_scale=remission_scale,
-        )
         opened = open_recording(path, options, name)
+    shown = choose_scans(opened, suffix, scan, count)
+    opened = with_found_poses(opened, options, chosen=range(max(0, shown.start - LEAD), shown.stop))
     with counted("scans") as progress:
         draw(
             opened,
@@ -103,6 +111,7 @@ def view(
             count=count,
             bundle=bundle,
             threads=threads or 2,
+            deskew=not no_deskew,
             on_progress=progress,
         )
     show_line(str(out))

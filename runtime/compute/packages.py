@@ -6,6 +6,7 @@ from runtime.errors import MissingPackageError
 
 PILLOW, RERUN, LASPY, LAZRS, LZF, PYARROW, ROSBAGS = "PIL", "rerun", "laspy", "lazrs", "lzf", "pyarrow", "rosbags"
 OUSTER, VELODYNE = "ouster", "velodyne_decoder"
+KISS_ICP = "kiss_icp"
 _BROUGHT = {  # as pip knows them, and by which extra
     PILLOW: ("Pillow", "view"),
     RERUN: ("rerun-sdk", "view"),
@@ -16,6 +17,7 @@ _BROUGHT = {  # as pip knows them, and by which extra
     ROSBAGS: ("rosbags", "ros"),
     OUSTER: ("ouster-sdk", "ouster"),
     VELODYNE: ("velodyne-decoder", "velodyne"),
+    KISS_ICP: ("kiss-icp", "odometry"),
 }
 
 

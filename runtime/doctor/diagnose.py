@@ -2,6 +2,7 @@
 
 import contextlib
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,15 +16,21 @@ from runtime.doctor.check_sensor import check_sensor
 from runtime.doctor.findings import Finding
 from runtime.doctor.pairs import geometry_of
 from runtime.doctor.sample import Sample
-from runtime.errors import MosError, MosWarning, PoseError
+from runtime.errors import MosError, MosWarning, PoseError, some
+from runtime.recordings.around import Beginning
 from runtime.recordings.recording import DEFAULTS, Indexed, Options
 from runtime.recordings.registry import Found
 from runtime.sensors.range_image import RangeImage
 
+Locate = Callable[[Indexed], Indexed]
+
+LOCATED = 300  # scans whose poses are found to see how an odometry does
 SAMPLES = 12  # scans whose points are looked at, spread over the recording
 
 
-def examine(found: Found, sensor: RangeImage | None = None, options: Options = DEFAULTS) -> list[Finding]:
+def examine(
+    found: Found, sensor: RangeImage | None = None, options: Options = DEFAULTS, locate: Locate | None = None
+) -> list[Finding]:
     """Findings about a recording that is yet to be opened: what stands in the way of that, then as `diagnose`."""
     problems: list[Finding] = []
     with warnings.catch_warnings(record=True) as caught:
@@ -36,13 +43,14 @@ def examine(found: Found, sensor: RangeImage | None = None, options: Options = D
         except MosError as error:
             return [Finding("bad", "files", str(error))]
     told = [Finding("warn", "files", str(warning.message)) for warning in caught]
-    return diagnose(recording, sensor) + told + problems
+    return diagnose(recording, sensor, None if problems else locate) + told + problems
 
 
-def diagnose(recording: Indexed, sensor: RangeImage | None = None) -> list[Finding]:
+def diagnose(recording: Indexed, sensor: RangeImage | None = None, locate: Locate | None = None) -> list[Finding]:
     """Findings about a recording, best read in their order.
 
-    sensor: what the bundle was made for; None leaves that comparison out. Broken scans become findings, not errors.
+    sensor: what the bundle was made for; None leaves that comparison out. locate: gives a recording without poses those
+    that an odometry finds, of which some from its beginning are looked at. Broken scans become findings, not errors.
     """
     found = check_files(recording)
     samples = _read_samples(recording)
@@ -52,8 +60,14 @@ def diagnose(recording: Indexed, sensor: RangeImage | None = None) -> list[Findi
         found += check_sensor(samples, sensor) if sensor else []
     if recording.times is not None:
         found += check_times(recording.times)
+    if recording.poses is None and locate is not None:
+        recording = locate(Beginning(recording, LOCATED))
+        found.append(Finding("ok", "odometry", f"no poses; those of {len(recording)} scans by {recording.poses_from}"))
     if recording.poses is None:
         return found
+    if recording.lost:
+        lost = some([recording.keys[index] for index in recording.lost])
+        found.append(Finding("warn", "odometry", f"lost at {lost}: what was seen before does not count there"))
     rigid = check_rigid(recording.poses)
     if any(finding.level == "bad" for finding in rigid):
         return found + rigid

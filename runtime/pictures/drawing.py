@@ -22,6 +22,7 @@ def draw(
     count: int | None = None,
     bundle: Path | None = None,
     threads: int = 2,
+    deskew: bool = True,
     on_progress: Callable[[int, int], object] = lambda done, total: None,
 ) -> int:
     """Write the picture `out` of a recording; the number of scans in it.
@@ -36,12 +37,12 @@ def draw(
     suffix = check_output(out)
     if suffix == ".png" and count is not None:
         raise SettingError(f"{out}: a .png shows one scan, so that `count` has no meaning; choose which by `scan`")
-    chosen = choose_scans(recording, scan, 1 if suffix == ".png" else COUNT if count is None else count)
+    chosen = choose_scans(recording, suffix, scan, count)
     systems: list[System] = [Stored(root, recording) for root in (predictions, compare) if root is not None]
     if predictions is None:
         from runtime.runner import MosRunner
 
-        systems.insert(0, Live(MosRunner(bundle, threads=threads), recording))
+        systems.insert(0, Live(MosRunner(bundle, threads=threads, deskew=deskew), recording))
 
     def reported() -> Iterator[Snapshot]:
         for done, one in enumerate(snapshots(recording, systems, chosen)):
@@ -53,8 +54,9 @@ def draw(
     return shown
 
 
-def choose_scans(recording: Indexed, scan: int | None, count: int) -> range:
-    """At most `count` scans from number `scan` on. Raises SettingError where there is none."""
+def choose_scans(recording: Indexed, suffix: str, scan: int | None, count: int | None) -> range:
+    """The scans that a picture shows, see `draw`. Raises SettingError where there is none."""
+    count = 1 if suffix == ".png" else COUNT if count is None else count
     if count < 1:
         raise SettingError(f"count must be at least 1, not {count}")
     last = len(recording) - 1

@@ -89,10 +89,9 @@ class Live:
         if index != self._next:
             self._runner.reset()
             for past in range(max(0, index - self._runner.history_length), index):
-                before = self._recording.read(past)
-                self._runner.remember(before.data, before.known_pose(), before.time)
+                self._runner.remember(self._recording.read(past))
         self._next = index + 1
-        return self._runner(scan.data, scan.known_pose(), scan.time).moving
+        return self._runner(scan).moving
 
 
 def snapshots(recording: Indexed, systems: Sequence[System], indices: Iterable[int]) -> Iterator[Snapshot]:

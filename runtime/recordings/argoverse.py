@@ -51,11 +51,11 @@ def open_at(path: Path, options: Options) -> ScanFiles:
     mount, found = _mount(path), None
     if options.extrinsics and not options.poses:
         raise SettingError(f"{path}: says itself where its LiDAR sits: leave out `extrinsics`")
-    if options.poses and not options.points_only:
+    if options.poses and options.reads_poses:
         found = read_file_poses(path, used, replace(options, frame=options.frame or "lidar"), times)
-    elif not options.points_only:
+    elif options.reads_poses:
         found = _poses(path, used, times, mount, options)
-    return of_files(path, used, options, found, None if options.points_only else times, mount)
+    return of_files(path, used, options, found, None if options.points_only else times, mount, compensated=True)
 
 
 def _poses(path: Path, files: tuple[Path, ...], times: Times, mount: Pose, options: Options) -> ScanPoses:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from runtime.errors import MosError, MosWarning, PoseError, SequenceError, some
+from runtime.errors import MosError, MosWarning, NoPosesError, PoseError, SequenceError, some
 from runtime.recordings.calib import read_calib
 from runtime.recordings.extrinsics import mounted, read_extrinsics
 from runtime.recordings.pose_table import read_pose_table
@@ -65,13 +65,17 @@ class PoseFiles:
 def find_pose_files(folder: Path, options: Options) -> PoseFiles:
     """Pose and calibration file of a folder, each as given or else where KITTI keeps it, beside the path as given.
 
-    Raises PoseError saying where a file was looked for.
+    Raises PoseError saying where a file was looked for, NoPosesError where that is not of a file that was named.
     """
     usual = [folder / "poses.txt", folder.parent.parent / "poses" / f"{folder.name}.txt"]
     pose_file = _first_file([options.poses] if options.poses else usual)
     if pose_file is None:
-        looked = options.poses or f"{usual[0]} or {usual[1]}"
-        raise PoseError(f"no poses: {looked} does not exist; name the file (`poses`)")
+        if options.poses:
+            raise PoseError(f"no poses: {options.poses} does not exist; name the file (`poses`)")
+        looked = f"{usual[0]} or {usual[1]}"
+        raise NoPosesError(
+            f"no poses: {looked} does not exist; name the file (`poses`), or find them (`odometry='kiss'`)"
+        )
     if options.frame == "lidar" or options.extrinsics is not None:
         return PoseFiles(pose_file, None, options.extrinsics)
     calib_file = _first_file([options.calib or folder / "calib.txt"])

@@ -1,8 +1,9 @@
 """What was logged, whatever its format: a `Recording` gives one `Scan` after the other."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -13,6 +14,7 @@ from runtime.recordings.fingerprint import fingerprint_of
 from runtime.recordings.poses import Pose, Poses
 
 FRAMES = ("camera", "lidar")
+GIVEN_POSES = ("needed", "optional", "ignored")
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +27,7 @@ class Scan:
     time: float | None = None  # s
     ring: npt.NDArray[np.integer] | None = None  # (N,) number of the laser
     times: npt.NDArray[np.float32] | None = None  # (N,) s after `time`, or after the first point; see `PointTimes`
+    lost: str = ""  # why it is not known how this scan lies to those before it; "": it is
 
     @property
     def points(self) -> npt.NDArray[np.float32]:
@@ -51,6 +54,7 @@ class Options:
     calib: Path | None = None  # calibration of a camera whose poses these are; None: where the format keeps it
     frame: str | None = None  # of FRAMES: whose poses the file holds; None: as the format has it
     limit: int | None = None  # only the first scans
+    given_poses: str = "needed"  # of GIVEN_POSES: to have none is an error, or is not, or they are left out
     points_only: bool = False  # leave out poses and times, whatever state they are in
     topic: str | None = None  # of the clouds in a bag; None: the only one
     pose_topic: str | None = None  # of the poses in a bag; None: the only odometry in the frame of the points
@@ -58,11 +62,14 @@ class Options:
     extrinsics: str | Path | None = None
     columns: int | None = None  # numbers a point in files of raw numbers; None: as they show
     remission_scale: float | None = None  # what full remission is in the files; None: as the first scans show
+    deskew: bool = True  # points with times are brought to the middle of their sweep, where poses are known
     skip_broken: bool = False  # a broken pose is an error of its scan, not of the recording
 
     def __post_init__(self) -> None:
         if self.frame not in (None, *FRAMES):
             raise SettingError(f"`frame` must be camera or lidar, not {self.frame!r}")
+        if self.given_poses not in GIVEN_POSES:
+            raise SettingError(f"given_poses must be one of {', '.join(GIVEN_POSES)}, not {self.given_poses!r}")
         if self.frame == "lidar" and self.calib:
             raise SettingError(f"poses of the LiDAR need no calibration: leave out `calib` ({self.calib}), or `frame`")
         if self.extrinsics and (self.calib or self.frame == "camera"):
@@ -75,6 +82,10 @@ class Options:
             raise SettingError(f"`columns` must be at least 3, for x y z, not {self.columns}")
         if self.remission_scale is not None and not 0 < self.remission_scale < float("inf"):
             raise SettingError(f"`remission_scale` must be above 0, not {self.remission_scale}")
+
+    @property
+    def reads_poses(self) -> bool:
+        return not self.points_only and self.given_poses != "ignored"
 
 
 DEFAULTS = Options()
@@ -98,7 +109,7 @@ class Recording(Protocol):
 
     def fingerprint(self, scan: Scan) -> str:
         """Of all that a label may depend on: points, remission, pose, time, times of points. Kept with the label."""
-        return fingerprint_of(scan.data, scan.pose, scan.time, scan.times)
+        return fingerprint_of(scan.data, scan.pose, scan.time, scan.times) + ("-" if scan.lost else "")
 
 
 @runtime_checkable
@@ -108,6 +119,7 @@ class Indexed(Recording, Protocol):
     keys: tuple[str, ...]  # of all scans, in order of time
     poses: Poses | None = None  # (T, 4, 4) float64 T_world_lidar
     times: npt.NDArray[np.float64] | None = None  # (T,) s
+    lost: Mapping[int, str] = MappingProxyType({})  # see `Scan.lost`, by number
 
     def read(self, index: int) -> Scan:
         """Scan number `index`, from 0. Raises ScanError or PoseError."""

@@ -2,12 +2,13 @@
 
 import os
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from runtime.errors import SequenceError, SettingError, some
+from runtime.errors import NoPosesError, SequenceError, SettingError, some
 from runtime.recordings import argoverse, folder, kitti, ouster_files, ros, single, velodyne_files
+from runtime.recordings.deskewed import deskewing
 from runtime.recordings.recording import DEFAULTS, Indexed, Options
 
 
@@ -45,7 +46,13 @@ class Found:
 
     def open(self, options: Options = DEFAULTS) -> Indexed:
         """Raises SequenceError, PoseError or MissingPackageError."""
-        return self.reader.open_at(self.path, options)
+        try:
+            recording = self.reader.open_at(self.path, options)
+        except NoPosesError:
+            if options.given_poses != "optional":
+                raise
+            recording = self.reader.open_at(self.path, replace(options, given_poses="ignored"))
+        return deskewing(recording) if options.deskew else recording
 
 
 def find_recordings(path: str | Path, names: tuple[str, ...] = ()) -> list[Found]:

@@ -49,7 +49,7 @@ class RosRecording(Indexed):
         warn_of_changed(self.source, self._topic, self._stamps.frame)
         self.keys = tuple(f"{index:06d}" for index in range(len(self._stamps.counts)))
         self.times = None if options.points_only else self._stamps.times
-        self._poses = None if options.points_only else self._read_poses(options)
+        self._poses = self._read_poses(options) if options.reads_poses else None
         self.poses = None if self._poses is None else self._poses.poses
         self.poses_from = None if self._poses is None else self._poses.origin
         self._remission = Remission(options.remission_scale, self.source, self._first)

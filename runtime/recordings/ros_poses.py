@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from runtime.errors import MosWarning, PoseError, SequenceError
+from runtime.errors import MosWarning, NoPosesError, PoseError, SequenceError
 from runtime.recordings.bag import Bag, Message
 from runtime.recordings.extrinsics import mounted, read_extrinsics
 from runtime.recordings.pose_files import ScanPoses, Times, checked
@@ -63,7 +63,7 @@ class _Sources:
         self.moved = "" if options.extrinsics is None else f", {mounted(options.extrinsics)}"
 
     def choose(self) -> str:
-        """The topic of the poses. Raises PoseError where there is none, or several."""
+        """The topic of the poses. Raises NoPosesError where there is none, PoseError where there are several."""
         odometry = {topic: self._body(topic) for topic, kind in self.kinds.items() if kind == ODOMETRY}
         fit = [topic for topic, body in odometry.items() if body == self.frame and self.given is None]
         why = ""
@@ -76,8 +76,13 @@ class _Sources:
         if len(fit) == 1:
             log.info("%s: the poses are those of %s", self.bag.path, fit[0])
             return fit[0]
-        advice = "name a file of them (`poses`) or a topic (`pose_topic`)"
-        raise PoseError(f"{self.bag.path}: no poses: {advice}; {self.listed}{why and f'. {why}'}")
+        advice = "name a file of them (`poses`) or a topic (`pose_topic`), or find them (`odometry='kiss'`)"
+        text = f"{self.bag.path}: no poses: {advice}; {self.listed}{why and f'. {why}'}"
+        if self.kinds:
+            raise PoseError(text)
+        if why:
+            log.info("%s", why)
+        raise NoPosesError(text)
 
     def of_tf(self, times: Times) -> tuple[Poses, dict[int, str], Pose, str]:
         """Poses at `times` (T,) s, those that are not known, T_body_lidar, and the origin. Raises PoseError."""

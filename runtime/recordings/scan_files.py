@@ -75,7 +75,7 @@ def open_files(folder: Path, scans: Path, options: Options) -> ScanFiles:
     """
     files = list_scans(scans)
     times = None if options.points_only else read_times(folder / "times.txt", files, options.limit)
-    found = None if options.points_only else read_file_poses(folder, files, options, times)
+    found = read_file_poses(folder, files, options, times) if options.reads_poses else None
     return of_files(folder, files, options, found, times)
 
 
@@ -86,8 +86,12 @@ def of_files(
     found: ScanPoses | None,
     times: Times | None,
     mount: Pose | None = None,
+    compensated: bool = False,
 ) -> ScanFiles:
-    """The first `options.limit` of these files, with their poses and times. mount: see `ScanFiles`."""
+    """The first `options.limit` of these files, with their poses and times.
+
+    mount: see `ScanFiles`. compensated: the points are of one time, whatever the files say of when they were measured.
+    """
     columns = options.columns or find_columns(files[:FIRST])
     first = partial(_readable, files[:FIRST], columns)  # unlike a lambda, it goes to other processes
     files = files[: options.limit]
@@ -104,7 +108,7 @@ def of_files(
         file_poses=found,
         columns=columns,
         remission=Remission(options.remission_scale, str(folder), first),
-        point_times=PointTimes(str(folder), first),
+        point_times=PointTimes(str(folder), partial(_readable, (), columns) if compensated else first),
         mount=mount,
     )
 

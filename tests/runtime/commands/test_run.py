@@ -71,7 +71,7 @@ def test_every_setting_of_the_runner_has_an_option():
     settings -= {"settings", "changes"}  # the same as a whole, or by name
     assert settings <= options.keys()
     for name in settings:
-        spelled = {"providers": "--provider", "session_options": "--session-option"}.get(name)
+        spelled = {"providers": "--provider", "session_options": "--session-option", "deskew": "--no-deskew"}.get(name)
         assert options[name] == [spelled or f"--{name.replace('_', '-')}"]
 
 

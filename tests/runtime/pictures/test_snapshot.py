@@ -42,15 +42,15 @@ class CountingRunner:
     def reset(self):
         self.scans = []
 
-    def remember(self, points, pose, time=None):
-        self.scans = [*self.scans, points][-8:]
+    def remember(self, scan):
+        self.scans = [*self.scans, scan.data][-8:]
 
-    def __call__(self, points, pose, time=None):
+    def __call__(self, scan):
         class Result:
-            moving = np.arange(len(points)) == len(self.scans)
+            moving = np.arange(len(scan.data)) == len(self.scans)
 
-        self.past = [scan.sum() for scan in self.scans]
-        self.remember(points, pose)
+        self.past = [points.sum() for points in self.scans]
+        self.remember(scan)
         return Result
 
 
@@ -145,14 +145,14 @@ def test_a_truth_that_holds_no_labels_is_not_drawn(tmp_path):
 
 
 def test_choice_of_scans(sequence):
-    assert choose_scans(sequence, None, 1) == range(8, 9)  # the first one with a full history
-    assert choose_scans(sequence, None, 30) == range(9)
-    assert choose_scans(sequence, 2, 3) == range(2, 5)
+    assert choose_scans(sequence, ".png", None, None) == range(8, 9)  # the first one with a full history
+    assert choose_scans(sequence, ".gif", None, None) == range(9)
+    assert choose_scans(sequence, ".gif", 2, 3) == range(2, 5)
     for number in (-1, 9):
         with pytest.raises(SettingError, match=f"no scan {number}: sequence 00 has the scans 0 to 8"):
-            choose_scans(sequence, number, 1)
+            choose_scans(sequence, ".gif", number, 1)
     with pytest.raises(SettingError, match="count must be at least 1, not 0"):
-        choose_scans(sequence, 2, 0)
+        choose_scans(sequence, ".gif", 2, 0)
 
 
 @pytest.mark.parametrize(("package", "file"), [("PIL", "a.png"), ("PIL", "a.gif"), ("rerun", "a.rrd")])

@@ -1,0 +1,79 @@
+"""Poses that were found, in files beside the labels: for other tools, and for the next run."""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from runtime.errors import MosError, OutputError
+from runtime.files import write_whole
+from runtime.odometry.located import Digest, FoundPoses, Progress, readable
+from runtime.recordings.pose_table import read_pose_table
+from runtime.recordings.recording import Indexed
+from runtime.typed_json import build, read_json
+
+KITTI, TUM, CALIB, NOTE = "poses.txt", "poses.tum", "calib.txt", "odometry.json"
+IDENTITY = "Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n"  # with it, the LiDAR's own poses are those of KITTI's camera
+
+
+@dataclass(frozen=True)
+class Note:
+    """What the poses beside it are."""
+
+    odometry: str  # its name
+    scans: str  # `Digest` of those that they are of
+    poses: str  # digest of the file KITTI
+    lost: dict[str, str] = field(default_factory=dict)  # see `Scan.lost`, by the scan's key
+
+
+def write_poses(folder: Path, found: FoundPoses, recording: Indexed) -> None:
+    """T_world_lidar as KITTI has poses, and as TUM has them, to all their digits. Raises OutputError.
+
+    A scan without a pose is NaN to KITTI, and left out for TUM. Where the times of scans are not known, TUM's are their
+    numbers, from 0.
+    """
+    kitti = "".join(_line(pose[:3].ravel()) for pose in found.poses).encode()
+    times = np.arange(len(found.poses)) if recording.times is None else recording.times
+    known = np.isfinite(found.poses).all((1, 2))
+    turns = Rotation.from_matrix(found.poses[known, :3, :3]).as_quat()
+    rows = np.column_stack([times[known], found.poses[known, :3, 3], turns])
+    (folder / NOTE).unlink(missing_ok=True)  # it must not speak of other poses
+    write_whole(folder / KITTI, kitti)
+    write_whole(folder / TUM, "".join(map(_line, rows)).encode())
+    write_whole(folder / CALIB, IDENTITY.encode())
+    lost = {recording.keys[index]: why for index, why in found.lost.items()}
+    note = Note(found.odometry, found.scans, _digest(kitti), lost)
+    write_whole(folder / NOTE, (json.dumps(asdict(note), indent=2) + "\n").encode())
+
+
+def read_poses(
+    folder: Path, recording: Indexed, odometry: str, deskew: bool, on_progress: Progress = lambda done, total: None
+) -> FoundPoses | None:
+    """What `write_poses` wrote, if it is of this odometry and of all scans of the recording as they are now."""
+    if not (folder / NOTE).is_file():
+        return None
+    try:
+        note = build(Note, read_json(folder / NOTE, OutputError), str(folder / NOTE))
+        poses = read_pose_table(folder / KITTI).poses
+        same = note.poses == _digest((folder / KITTI).read_bytes())
+    except (MosError, OSError):  # cut off, or by another version: they are found anew
+        return None
+    if not same or note.odometry != odometry or len(poses) != len(recording):
+        return None
+    digest = Digest(deskew)
+    for _, scan in readable(recording, range(len(recording)), on_progress):
+        digest.add(recording.fingerprint(scan))
+    numbers = {key: index for index, key in enumerate(recording.keys)}
+    lost = {numbers[key]: why for key, why in note.lost.items()}
+    return FoundPoses(odometry, poses, lost, note.scans) if digest.text() == note.scans else None
+
+
+def _line(numbers: np.ndarray) -> str:
+    return " ".join(repr(float(number)) for number in numbers) + "\n"
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.blake2b(data, digest_size=16).hexdigest()

@@ -1,0 +1,58 @@
+"""A recording as it is seen through something: with other poses, or points that were moved."""
+
+from collections.abc import Iterator
+from itertools import islice
+
+import numpy as np
+import numpy.typing as npt
+
+from runtime.recordings.poses import Poses
+from runtime.recordings.recording import Indexed, Scan
+
+
+class Around(Indexed):
+    """The recording within, until something is changed about it."""
+
+    def __init__(self, within: Indexed) -> None:
+        self.within = within
+        self.name, self.source, self.sensor = within.name, within.source, within.sensor
+        self.keys, self.times = within.keys, within.times
+        self.poses, self.poses_from, self.lost = within.poses, within.poses_from, within.lost
+
+    def seen(self, index: int, scan: Scan) -> Scan:
+        """Scan number `index`, of `scan` as it is within."""
+        raise NotImplementedError
+
+    def read(self, index: int) -> Scan:
+        return self.seen(index, self.within.read(index))
+
+    def scans(self, start: int = 0) -> Iterator[Scan]:
+        return (self.seen(index, scan) for index, scan in enumerate(self.within.scans(start), start))
+
+    def count(self, index: int) -> int:
+        return self.within.count(index)
+
+    def labels(self, index: int) -> npt.NDArray[np.uint32] | None:
+        return self.within.labels(index)
+
+    def other_poses(self) -> dict[str, Poses]:
+        return self.within.other_poses()
+
+
+class Beginning(Around):
+    """Only the first scans."""
+
+    def __init__(self, within: Indexed, count: int) -> None:
+        super().__init__(within)
+        self.keys = within.keys[:count]
+        self.times = None if within.times is None else within.times[:count]
+        self.poses = None if within.poses is None else within.poses[:count]
+
+    def seen(self, index: int, scan: Scan) -> Scan:
+        return scan
+
+    def scans(self, start: int = 0) -> Iterator[Scan]:
+        return islice(self.within.scans(start), max(0, len(self) - start))
+
+    def other_poses(self) -> dict[str, Poses]:
+        return {meaning: poses[: len(self)] for meaning, poses in self.within.other_poses().items()}
