@@ -34,7 +34,7 @@ def with_found_poses(
 ) -> "Indexed":
     """The recording, with poses by odometry where it has none; see `with_poses`. With a bar."""
     from runtime.commands.progress import counted
-    from runtime.odometry.finding import with_poses
+    from runtime.odometry.with_poses import with_poses
 
     if recording.poses is not None:
         return recording

@@ -57,7 +57,7 @@ class KissOdometry:
                 stacklevel=2,
             )
         self._pose, self._time = pose, time
-        return pose @ np.linalg.inv(motion.at(middle))
+        return pose @ motion.back_from(middle)
 
     def _begin(self, pose: Pose) -> None:
         """The next scan is the first of a map, at T_world_lidar `pose`."""

@@ -32,6 +32,11 @@ class Motion:
         pose[:3, 3] = velocity[3:] * time
         return pose
 
+    def back_from(self, time: float) -> Pose:
+        """(4, 4) T_then_lidar, the inverse of `at`."""
+        back: Pose = np.linalg.inv(self.at(time))
+        return back
+
 
 STILL = Motion(np.zeros(6), np.zeros(6))
 
@@ -71,8 +76,7 @@ def deskewed(data: ScanData, times: Times, motion: Motion, reference: float = 0.
     times: (N,) s. Points keep their order, and remission; those that are not finite, or at the origin, stay so.
     """
     moved = data.copy()
-    back = np.linalg.inv(motion.at(reference))
-    _move(data, times, motion.before, motion.after, back, moved)
+    _move(data, times, motion.before, motion.after, motion.back_from(reference), moved)
     return moved
 
 

@@ -59,7 +59,7 @@ def test_odometry_may_be_refused_or_asked_for(without, capsys):
     for command in ("run", "view", "doctor"):
         assert main([command, str(without), "--odometry", "none"]) == 1
         said = "".join(capsys.readouterr())
-        assert "or find them (--odometry kiss)" in said
+        assert ("1 bad" if command == "doctor" else "or find them (--odometry kiss)") in said
         assert main([command, str(without), "--odometry", "kiss", "--poses", "x"]) == 2
         assert "--odometry kiss finds the poses" in capsys.readouterr().err
 

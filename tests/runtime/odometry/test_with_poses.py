@@ -7,7 +7,7 @@ import pytest
 
 from runtime.errors import LostError, MissingPackageError, MosWarning, PoseError, ScanError, SettingError
 from runtime.odometry import odometry as odometries
-from runtime.odometry.finding import with_poses
+from runtime.odometry.with_poses import with_poses
 from runtime.recordings.deskewed import Deskewed
 from runtime.recordings.pose_table import read_pose_table
 from runtime.recordings.recording import Indexed, Scan
