@@ -34,7 +34,7 @@ class Motion:
 
     def back_from(self, time: float) -> Pose:
         """(4, 4) T_then_lidar, the inverse of `at`."""
-        back: Pose = np.linalg.inv(self.at(time))
+        back: Pose = np.linalg.inv(self.at(time)).astype(np.float64)
         return back
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.compute.packages import OUSTER, need_package
-from runtime.errors import PoseError, ScanError, SequenceError
+from runtime.errors import NoPosesError, PoseError, ScanError, SequenceError
 from runtime.recordings.cloud import Cloud
 from runtime.recordings.pcap import count_packets, is_pcap, is_velodyne
 from runtime.recordings.pose_files import ScanPoses, checked, read_file_poses
@@ -70,7 +70,7 @@ class OusterRecording(Indexed):
         self._times = np.array([time for time, _ in begins])
         self.times = None if options.points_only else self._times
         self._poses = None
-        if not options.points_only:
+        if options.reads_poses:
             self._poses = self._read_poses(path, np.array([pose for _, pose in begins]), info.sensor_to_body, options)
         self.poses = None if self._poses is None else self._poses.poses
         self.poses_from = None if self._poses is None else self._poses.origin
@@ -130,7 +130,10 @@ class OusterRecording(Indexed):
             given = replace(options, frame=options.frame or (None if options.calib else "lidar"), limit=None)
             return read_file_poses(path.parent, scans, given, self._times)
         if np.array_equal(bodies, np.broadcast_to(np.eye(4), bodies.shape)):
-            raise PoseError(f"{path}: no poses: there is none within; name a file of them (`poses`)")
+            raise NoPosesError(
+                f"{path}: no poses: there is none within; name a file of them (`poses`), or find them "
+                f"(`odometry='kiss'`)"
+            )
         mount = sensor.copy()
         mount[:3, 3] += sensor[:3, :3] @ self._shift
         poses, broken = checked(bodies @ mount, {}, [f"{path}: scan {key}" for key in self.keys], options.skip_broken)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from runtime.compute.packages import VELODYNE as PACKAGE
 from runtime.compute.packages import need_package
-from runtime.errors import PoseError, ScanError, SequenceError
+from runtime.errors import NoPosesError, PoseError, ScanError, SequenceError
 from runtime.recordings.cloud import Cloud
 from runtime.recordings.pcap import VELODYNE, is_pcap, is_velodyne, packets
 from runtime.recordings.pose_files import ScanPoses, Times, read_file_poses
@@ -49,7 +49,7 @@ class VelodyneRecording(Indexed):
         self._config = _config(path)
         self.keys = tuple(f"{index:06d}" for index in range(len(ends)))
         self.times = None if options.points_only else ends
-        self._poses = None if options.points_only else self._read_poses(options, ends)
+        self._poses = self._read_poses(options, ends) if options.reads_poses else None
         self.poses = None if self._poses is None else self._poses.poses
         self.poses_from = None if self._poses is None else self._poses.origin
         self._remission = Remission(options.remission_scale, self.source, self._first)
@@ -100,7 +100,10 @@ class VelodyneRecording(Indexed):
 
     def _read_poses(self, options: Options, times: Times) -> ScanPoses:
         if options.poses is None:
-            raise PoseError(f"{self.source}: no poses: packets hold none; name a file of them (`poses`)")
+            raise NoPosesError(
+                f"{self.source}: no poses: packets hold none; name a file of them (`poses`), or find them "
+                f"(`odometry='kiss'`)"
+            )
         scans = tuple(self._path / key for key in self.keys)
         given = replace(options, frame=options.frame or (None if options.calib else "lidar"), limit=None)
         return read_file_poses(self._path.parent, scans, given, times)
