@@ -17,6 +17,7 @@ from runtime.errors import MosError, PoseError, ScanError
 from runtime.recordings.journal import JOURNAL, Dependence, Entry, Journal
 from runtime.recordings.labels import LABEL_BYTES, write_labels
 from runtime.recordings.poses import check_pose
+from runtime.recordings.read_ahead import read_ahead
 from runtime.recordings.recording import Indexed, Recording, Scan
 from runtime.recordings.run_note import claim, delete
 from runtime.runner import MosResult, MosRunner
@@ -74,18 +75,22 @@ def predict(
     run = _Run(recording, runner, predictions_folder(out, recording), overwrite)
     total = len(recording) if isinstance(recording, Indexed) else None
     on_progress(0, total)
-    scans = recording.scans()
-    for index in count():
-        try:
-            if not run.one(scans):
-                break
-        except MosError as error:
-            skip = skip_broken and isinstance(error, ScanError | PoseError)
-            if not (skip and isinstance(recording, Indexed)):
-                raise run.stopped(error, index, total) from error
-            run.skip(recording.keys[index], str(error))
-            scans = recording.scans(index + 1)
-        on_progress(index + 1, total)
+    scans = read_ahead(recording.scans())
+    try:
+        for index in count():
+            try:
+                if not run.one(scans):
+                    break
+            except MosError as error:
+                skip = skip_broken and isinstance(error, ScanError | PoseError)
+                if not (skip and isinstance(recording, Indexed)):
+                    raise run.stopped(error, index, total) from error
+                run.skip(recording.keys[index], str(error))
+                scans.close()
+                scans = read_ahead(recording.scans(index + 1))
+            on_progress(index + 1, total)
+    finally:
+        scans.close()
     run.close()
     return run.summary
 
@@ -95,7 +100,7 @@ class _Read:
     """A scan whose label has not been dealt with."""
 
     scan: Scan
-    seconds: float  # that it took to read it
+    seconds: float  # that were spent on waiting for it
     known: bool = False  # to the runner, by a call
     result: MosResult | None = None
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import get_ident
 from typing import Any
 
 from runtime.compute.packages import ROSBAGS, need_package
@@ -48,7 +49,6 @@ class Bag:
         if path.is_file() and not _begins_with(path, MAGIC[path.suffix]):
             raise SequenceError(f"{path}: is no bag of ROS: it does not begin as one; was it cut off or overwritten?")
         need_package(ROSBAGS, f"{path}: a bag of ROS")
-        from rosbags import rosbag1, rosbag2
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
         self.path, self.ros1 = path, path.suffix == ".bag" and path.is_file()
@@ -56,27 +56,25 @@ class Bag:
         for kind in TF:  # which ROS 1 has in a package of its own
             if kind not in self._types.types:
                 self._types.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", kind))
+        self._thread, self._place = get_ident(), path
         try:
             if not self.ros1 and is_old():
                 links = TemporaryDirectory()
                 weakref.finalize(self, links.cleanup)
-                path = as_folder(path, Path(links.name))
-            self._reader: Any = (rosbag1 if self.ros1 else rosbag2).Reader(path)
-            self._reader.open()
+                self._place = as_folder(path, Path(links.name))
+            self._reader = self._open()
         except Exception as error:  # of rosbags, of SQLite, of what unpacks: there is no common base
             repair = f"; {REPAIR[path.suffix]}" if path.suffix in REPAIR else ""
-            raise SequenceError(f"{self.path}: cannot be read as a bag: {_text(error)}{repair}") from error
-        path = self.path
-        for file in [path] if path.is_file() else sorted(path.iterdir()):
-            for journal in (file.with_name(file.name + end) for end in JOURNALS):
-                if file.suffix == ".db3" and journal.is_file() and journal.stat().st_size:
-                    warnings.warn(
-                        f"{file}: {journal.name} beside it holds what was written last, and is not read; "
-                        f"`sqlite3 {file.name} 'PRAGMA wal_checkpoint'` puts it in",
-                        MosWarning,
-                        stacklevel=2,
-                    )
+            raise SequenceError(f"{path}: cannot be read as a bag: {_text(error)}{repair}") from error
         weakref.finalize(self, self._reader.close)
+        _warn_of_journals(path)
+
+    def _open(self) -> Any:
+        from rosbags import rosbag1, rosbag2
+
+        reader = (rosbag1 if self.ros1 else rosbag2).Reader(self._place)
+        reader.open()
+        return reader
 
     def topics(self) -> dict[str, tuple[str, int]]:
         """Type and number of messages of every topic."""
@@ -90,11 +88,17 @@ class Bag:
 
         Raises ScanError where the bag is broken.
         """
-        connections = [one for one in self._reader.connections if one.topic == topic]
         before = None if start is None else start - 1  # rosbags 0.9 leaves out chunks that end at `start`
+        own = get_ident() == self._thread  # SQLite's objects are of one thread, and so are places in a file
         try:
-            there = (Message(time, data) for _, time, data in self._reader.messages(connections, before))
-            yield from islice((one for one in there if start is None or one.received >= start), skip, None)
+            reader = self._reader if own else self._open()
+            try:
+                topics = [one for one in reader.connections if one.topic == topic]
+                there = (Message(time, data) for _, time, data in reader.messages(topics, before))
+                yield from islice((one for one in there if start is None or one.received >= start), skip, None)
+            finally:
+                if not own:
+                    reader.close()
         except Exception as error:  # as above
             raise ScanError(f"the bag is broken: {_text(error)}") from error
 
@@ -113,6 +117,18 @@ def _begins_with(path: Path, magic: bytes) -> bool:
             return file.read(len(magic)) == magic
     except OSError as error:
         raise SequenceError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _warn_of_journals(path: Path) -> None:
+    for file in [path] if path.is_file() else sorted(path.iterdir()):
+        for journal in (file.with_name(file.name + end) for end in JOURNALS):
+            if file.suffix == ".db3" and journal.is_file() and journal.stat().st_size:
+                warnings.warn(
+                    f"{file}: {journal.name} beside it holds what was written last, and is not read; "
+                    f"`sqlite3 {file.name} 'PRAGMA wal_checkpoint'` puts it in",
+                    MosWarning,
+                    stacklevel=2,
+                )
 
 
 def _text(error: Exception) -> str:
