@@ -69,6 +69,7 @@ PLACES = {
             "runtime/doctor/": "what they would be if they were meant otherwise",
             "mos_model/simulator/write.py": "poses of KITTI's camera",
             "bench/corruption.py": "poses that are wrong on purpose",
+            "bench/formats.py": "poses of a vehicle that carries the LiDAR",
         },
     ),
     "how a scan is read": Place(
@@ -83,6 +84,7 @@ PLACES = {
         {
             "mos_model/simulator/write.py": "how simulated drives are written",
             "runtime/compute/packages.py": "an extra of that name",
+            "bench/formats.py": "whether all formats are read alike",
             "runtime/odometry/pose_store.py": "how poses that were found are kept",
         },
     ),

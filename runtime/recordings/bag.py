@@ -83,6 +83,13 @@ class Bag:
             counts[one.topic, one.msgtype] += one.msgcount
         return {topic: (kind, count) for (topic, kind), count in counts.items()}
 
+    def span(self) -> tuple[float, float] | None:
+        """When its first message and its last one came, s; None where it does not say."""
+        try:
+            return 1e-9 * self._reader.start_time, 1e-9 * self._reader.end_time
+        except KeyError:  # of a note that `as_folder` wrote
+            return None
+
     def messages(self, topic: str, start: int | None = None, skip: int = 0) -> Iterator[Message]:
         """Those of a topic in the order of the bag, from time `start` ns on but for the first `skip`.
 

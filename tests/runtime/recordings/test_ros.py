@@ -284,3 +284,52 @@ def test_names_of_changed_clouds(tmp_path, scans, topic, frame, words):
     with pytest.warns(MosWarning) as said:
         open_recording(tmp_path / "log.bag", POINTS)
     assert words in str(said[0].message)
+
+
+def test_a_topic_that_is_renamed_on_the_way(path, kind, scans):
+    with BagWriter(path, kind) as bag:
+        for index in range(80):
+            bag.cloud(scans[0][:9], 0.1 * index, topic="/points" if index < 50 else "/velodyne_points")
+    with pytest.raises(SequenceError, match=r"/points \(.*, 50 messages\), /velodyne_points \(.*, 30 messages\)"):
+        open_recording(path, POINTS)
+    with pytest.warns(MosWarning, match=r"of /points end 3\.0 s before the bag does; there is also /velodyne_points"):
+        assert len(open_recording(path, Options(points_only=True, topic="/points"))) == 50
+    with pytest.warns(MosWarning, match=r"of /velodyne_points begin 5\.0 s after the bag does"):
+        open_recording(path, Options(points_only=True, topic="/velodyne_points"))
+    assert len(open_recording(path, Options(points_only=True, topic="/points", limit=9))) == 9
+
+
+def test_messages_of_livox(path, kind):
+    from rosbags.typesys import get_types_from_msg
+
+    name = "livox_ros_driver2/msg/CustomMsg"
+    with BagWriter(path, kind) as bag:
+        bag.types.register(get_types_from_msg("uint32 point_num\n", name))
+        bag.write("/livox/lidar", name, bag.make(name, point_num=7), 0.0)
+    with pytest.raises(
+        SequenceError, match=r"messages of a Livox driver \(livox_.*CustomMsg on /livox/lidar\).*xfer_format 0"
+    ):
+        open_recording(path)
+
+
+def test_clouds_without_points_have_labels_too(path, kind, scans, tmp_path, capsys):
+    """One of NaN and one of none at all, within a drive."""
+    from tests.support.paths import BUNDLE
+
+    written = [scans[0], np.full_like(scans[1], np.nan), scans[2][:0], scans[3], scans[4]]
+    with BagWriter(path, kind) as bag:
+        for index, scan in enumerate(written):
+            bag.cloud(scan, 0.1 * index)
+            bag.pose(street.drive(COUNT)[index], 0.1 * index)
+    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--bundle", str(BUNDLE)]) == 0
+    labels = sorted((tmp_path / "out").rglob("*.label"))
+    assert [file.stat().st_size for file in labels] == [4 * len(scan) for scan in written]
+    assert not (np.fromfile(labels[1], np.uint32) == 251).any()
+
+
+def test_two_lidars_on_one_topic(path, kind, scans):
+    with BagWriter(path, kind) as bag:
+        for index, scan in enumerate(scans):
+            bag.cloud(scan, 0.1 * index, frame=("left", "right")[index % 2])
+    with pytest.raises(SequenceError, match="/points holds clouds of several frames, left, right"):
+        open_recording(path, POINTS)
