@@ -13,6 +13,7 @@ from export.bundle.parity import Parity, check_parity
 from export.bundle.write import file_entry, plain, replacing_bundle, rounded_to_half, write_manifest
 from export.checkpoint.published import OURS, Source, understand
 from export.checkpoint.reader import read_tensors
+from export.graph.any_size import any_size
 from export.graph.head_graph import head_bytes
 from export.graph.image_graph import Outputs, image_bytes
 from export.int8.quantise import Settings, quantise
@@ -107,8 +108,7 @@ def export_checkpoint(
 
 def _write_networks(folder: Path, source: Source, precision: str, point_head_onnx: bool) -> None:
     config = source.config
-    shape = (1, config.in_channels, config.range_image.height, config.range_image.width)
-    (folder / IMAGE_NET).write_bytes(image_bytes(source.image_net, shape))
+    (folder / IMAGE_NET).write_bytes(image_bytes(source.image_net, any_size(config.in_channels)))
     if source.point_head is not None and config.point_head is not None:
         half = precision == "float16"
         write_point_head(folder / POINT_HEAD, source.point_head, config.point_head, half)

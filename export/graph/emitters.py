@@ -13,6 +13,7 @@ from export.graph.tracing import Emitter, Tracer
 from runtime.errors import SettingError
 
 Shape = tuple[int, ...]
+LAST = np.iinfo(np.int64).max  # stands for the end of an axis, however long
 EMITTERS: dict[str, Emitter] = {}  # by the name of the ATen operation
 
 
@@ -144,7 +145,10 @@ def cut(
 ) -> str:
     if shape == tuple(x.shape):
         return t.name(x)
-    end = x.shape[axis] if end is None else min(end, x.shape[axis])
+    size = x.shape[axis]
+    end = size if end is None else min(end, size)
+    if axis >= 2 and 2 * end > size:  # counted from the end, which lies elsewhere in another size
+        end = end - size or LAST
     return t.graph.slice(t.name(x), shape, axis, start or 0, end, step)
 
 

@@ -53,7 +53,7 @@ def _tensors(module: nn.Module) -> Iterator[tuple[str, Tensor]]:
 
 
 def image_bytes(network: nn.Module, shape: tuple[int, ...]) -> bytes:
-    """The ONNX model of an image network for an image of `shape` (1, channels, H, W)."""
+    """The ONNX model of an image network for images of `shape` (1, channels, H, W), or of any size: see `any_size`."""
     graph = trace(with_blocked_forms(Outputs(network)), shape)
     fold_norms(graph)
     trim_kernels(graph)

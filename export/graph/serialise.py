@@ -6,6 +6,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
+from export.graph.any_size import follow_size, named
 from export.graph.graph import Graph
 
 OPSET = 17
@@ -16,8 +17,10 @@ def onnx_bytes(graph: Graph, name: str = "image_net") -> bytes:
     """The ONNX model of `graph`, called `name`; the same bytes for the same graph.
 
     Kernels that float16 holds without loss are stored so, each followed by the Cast (and the scale folded into it) that
-    a runtime computes once, when it loads the model; all arithmetic is float32.
+    a runtime computes once, when it loads the model; all arithmetic is float32. A graph that was traced at `any_size`
+    takes images of any size.
     """
+    graph = follow_size(graph)
     nodes: list[onnx.NodeProto] = []
     initialisers: list[TensorProto] = []
     for key, weight in graph.weights.items():
@@ -63,4 +66,4 @@ def _as_half(values: np.ndarray) -> np.ndarray | None:
 
 def _values(graph: Graph, kinds: dict[str, int]) -> Iterator[onnx.ValueInfoProto]:
     for name, kind in kinds.items():
-        yield helper.make_tensor_value_info(name, kind, graph.shapes[name])
+        yield helper.make_tensor_value_info(name, kind, named(graph.shapes[name]))

@@ -1,6 +1,6 @@
 """Write down what a PyTorch network computes: it runs once on tensors without data, and each operation becomes a node.
 
-Everything that depends on weights alone is computed on the spot. Shapes are fixed.
+Everything that depends on weights alone is computed on the spot. Shapes are fixed, but see `export.graph.any_size`.
 """
 
 from collections.abc import Callable, Mapping

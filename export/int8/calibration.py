@@ -1,6 +1,5 @@
 """What the values inside a network are on the calibration scans: what LeakyReLUs take, and ranges."""
 
-import math
 from collections.abc import Collection, Sequence
 
 import numpy as np
@@ -70,10 +69,8 @@ def find_ranges(graph: Graph, names: Collection[str], images: Sequence[np.ndarra
     names = sorted(names)
     graph.outputs = []
     for name in names:
-        count = math.prod(graph.sizes(name))
-        flat = graph.reshape(name, (count,))
-        step = max(1, count // SAMPLES) | 1  # odd, so that it meets every column
-        graph.outputs.append(graph.slice(flat, (-(-count // step),), 0, 0, count, step))
+        flat = graph.add("Reshape", [name, graph.integers(-1)], (f"size of {name}",))
+        graph.outputs.append(_samples(graph, flat))
         for op in ("ReduceMin", "ReduceMax"):
             graph.outputs.append(graph.add(op, [flat], (), keepdims=0))
     samples: dict[str, list[np.ndarray]] = {name: [] for name in names}
@@ -119,6 +116,15 @@ def floating(graph: Graph) -> Graph:
                 result = graph.add("Add", [pooled, top], graph.shapes[node.output])
             graph.supplant(node, result)
     return graph
+
+
+def _samples(graph: Graph, flat: str) -> str:
+    """About SAMPLES of the values of a row, at equal steps: odd ones, so that they meet every column."""
+    size = graph.add("Reshape", [graph.add("Size", [flat], ()), graph.integers(1)], (1,))
+    pairs = graph.add("Div", [size, graph.integers(2 * SAMPLES)], (1,))
+    step = graph.add("Add", [graph.add("Add", [pairs, pairs], (1,)), graph.integers(1)], (1,))
+    zero = graph.integers(0)
+    return graph.add("Slice", [flat, zero, size, zero, step], (f"samples of {flat}",))
 
 
 def _by_channel(graph: Graph, op: str, name: str) -> None:

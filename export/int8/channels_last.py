@@ -122,10 +122,17 @@ class _Lowering:
         shape = list(self.new.sizes(x))
         factors = self.old.weights[node.inputs[2]].values[TO_LAST].astype(int).tolist()
         for axis in (2, 1):
-            places = self.new.weight("places", np.arange(shape[axis], dtype=np.int32).repeat(factors[axis]))
             shape[axis] *= factors[axis]
+            places = self._each_repeated(shape[axis], factors[axis])
             x = self.new.add("Gather", [x, places], tuple(shape), axis=axis)
         self.last[node.output] = x
+
+    def _each_repeated(self, count: int, times: int) -> str:
+        """0, 0, 1, 1, 2, ... (count,) int64: each number so many times."""
+        zero, one, factor = (self.new.weight("number", np.int64(value)) for value in (0, 1, times))
+        end = self.new.add("Squeeze", [self.new.integers(count)], ())
+        every = self.new.add("Range", [zero, end, one], (count,))
+        return self.new.add("Div", [every, factor], (count,))
 
     def _shuffled(self, node: Node, x: str) -> None:
         """Pixel shuffle. In mode DCR runs of c channels move; in mode CRD single ones do."""

@@ -103,6 +103,7 @@ def expand_soft_pool(
     totals = [graph.add("ReduceSum", [s, axis], rows, keepdims=0) for s, axis in zip(sums, axes, strict=True)]
     quotient = graph.reshape(graph.add("Div", totals, rows), (1, h // 2, w // 2, c))
     if offset.any():
-        tiled = np.tile(offset, (1, 1, w // 2, 1))
-        quotient = graph.add("Add", [quotient, graph.weight("shift", tiled)], (1, h // 2, w // 2, c))
+        row = (1, 1, w // 2, c)
+        shift = graph.add("Expand", [graph.weight("shift", offset.reshape(1, 1, 1, c)), graph.integers(*row)], row)
+        quotient = graph.add("Add", [quotient, shift], (1, h // 2, w // 2, c))
     return graph.add("Transpose", [quotient], (1, c, h // 2, w // 2), perm=[0, 3, 1, 2])

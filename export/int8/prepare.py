@@ -48,7 +48,10 @@ class Prepared:
 
 
 def prepare(network: nn.Module, shape: tuple[int, ...], images: Sequence[np.ndarray]) -> Prepared:
-    """Rewrite `network` for integers and find the ranges of its values on `images` (each of `shape`)."""
+    """Rewrite `network` for integers and find the ranges of its values on `images` (1, C, H, W).
+
+    shape: to trace it at, that of the images or `any_size`.
+    """
     graph = trace(with_integer_forms(network), shape)
     kernels = {node.output: node.inputs[1] for node in graph.nodes if node.op == "Conv"}
     to_relu(graph, halves_of(graph, images))

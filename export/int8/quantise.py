@@ -8,6 +8,7 @@ from typing import Any
 
 from torch import nn
 
+from export.graph.any_size import any_size
 from export.int8.judge import Balance, Judge
 from export.int8.prepare import Prepared, prepare
 from export.int8.scenes import CALIBRATION_STREETS, JUDGING_STREETS, recorded, simulated
@@ -61,7 +62,7 @@ def quantise(
     else:
         images = recorded(settings.calibration, samples)
         source = f"{len(images)} scans of {settings.calibration.resolve().name}"
-    prepared = prepare(network, images[0].shape, images)
+    prepared = prepare(network, any_size(images[0].shape[1]), images)
     scenes = simulated(samples, JUDGING_STREETS, settings.judging)
     judge = Judge(float_model, scenes, threshold, settings.threads)
     balance = Balance(float_model, images, settings.threads)

@@ -25,6 +25,8 @@ SESSION_OPTIONS = {
     "session.force_spinning_stop": "1",
     "session.disable_quant_qdq": "1",  # the INT8 graph has its integer operations; the search would only copy work
 }
+# The INT8 graph has its channels where they should be; where a size is open, this would turn its features once more.
+LEFT_OUT = "TransposeOptimizer"
 PACKAGES = {  # what brings a provider
     "CUDAExecutionProvider": "onnxruntime-gpu",
     "TensorrtExecutionProvider": "onnxruntime-gpu",
@@ -43,6 +45,7 @@ def open_session(
     providers: Sequence[Provider] | None = None,
     allow_fallback: bool = False,
     session_options: Mapping[str, str] | None = None,
+    sizes: Mapping[str, int] | None = None,
 ) -> Any:
     """An ONNX Runtime session over a model: its path, or its bytes.
 
@@ -51,6 +54,7 @@ def open_session(
     allow_fallback: use the CPU, with a warning, where one of them is not available; else that is an error.
     session_options: entries for ONNX Runtime's session configuration, such as
         {"session.intra_op.allow_spinning": "0"} (see `SESSION_OPTIONS` for what they are here).
+    sizes: of dimensions that the model leaves open, by their names: what follows from them is then computed once.
 
     Raises ProviderError, SettingError for options that ONNX Runtime refuses, or BundleError for a broken model.
     """
@@ -65,18 +69,21 @@ def open_session(
             options.add_session_config_entry(key, value)
     except Exception as error:
         raise SettingError(f"session option {key}={value!r} is refused by ONNX Runtime: {error}") from error
-    session = _session(model, options, wanted)
+    for dimension, size in (sizes or {}).items():
+        options.add_free_dimension_override_by_name(dimension, size)
+    session = _session(model, options, wanted, [LEFT_OUT] if sizes else [])
     for name in map(provider_name, wanted):
         if name not in session.get_providers():  # ONNX Runtime goes on without one whose libraries are missing
             _fall_back(f"{name} is installed but could not start (are its libraries there?)", name, allow_fallback)
     return session
 
 
-def _session(model: str | Path | bytes, options: Any, providers: list[Any]) -> Any:
+def _session(model: str | Path | bytes, options: Any, providers: list[Any], left_out: list[str]) -> Any:
     """An ONNX Runtime session. Raises ProviderError where a provider fails but the CPU loads the model."""
     source, name = (model, "the model") if isinstance(model, bytes) else (str(model), str(model))
     try:
-        return ort.InferenceSession(source, options, providers=providers, enable_fallback=0)
+        settings = {"enable_fallback": 0, "disabled_optimizers": left_out}
+        return ort.InferenceSession(source, options, providers=providers, **settings)
     except Exception as error:  # ONNX Runtime's errors share no base but Exception
         reason = error
     try:

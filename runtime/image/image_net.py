@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from runtime.bundle.loading import Bundle
 from runtime.compute.sessions import Provider, open_session
 from runtime.errors import BundleError, InferenceError
+from runtime.sensors.range_image import RangeImage
+
+HEIGHT, WIDTH = "height", "width"  # of the image: what a file that leaves them open calls them
 
 
 class Seen(NamedTuple):
@@ -25,32 +28,51 @@ class ImageNet:
     def __init__(
         self,
         path: str | Path,
+        size: tuple[int, int] | None = None,
         *,
         threads: int,
         providers: Sequence[Provider] | None = None,
         allow_fallback: bool = False,
         session_options: Mapping[str, str] | None = None,
     ) -> None:
-        """threads, providers, allow_fallback, session_options: see `open_session`, which raises what this does."""
+        """size: height and width of the images, for a file that leaves them open.
+
+        threads, providers, allow_fallback, session_options: see `open_session`, which raises what this does.
+        """
         self._session = open_session(
-            path, threads=threads, providers=providers, allow_fallback=allow_fallback, session_options=session_options
+            path,
+            threads=threads,
+            providers=providers,
+            allow_fallback=allow_fallback,
+            session_options=session_options,
+            sizes=None if size is None else dict(zip((HEIGHT, WIDTH), size, strict=True)),
         )
         self.providers: list[str] = self._session.get_providers()
         inputs = {value.name: tuple(value.shape) for value in self._session.get_inputs()}
         outputs = {value.name: tuple(value.shape) for value in self._session.get_outputs()}
         if set(inputs) != {"image"} or not {"probabilities", "features"} <= set(outputs):
             raise BundleError(f"{path}: is no image network: inputs {sorted(inputs)}, outputs {sorted(outputs)}")
-        self.shape: tuple[int, ...] = inputs["image"]  # (1, channels, H, W)
+        self.shape: tuple[int | str, ...] = inputs["image"]  # (1, channels, H, W); names stand for what is open
         self.features: int = outputs["features"][1]  # channels of the feature map
 
     @classmethod
-    def of(cls, bundle: Bundle, precision: str = "auto", **settings: Any) -> "ImageNet":
-        """The image network of a bundle. Raises BundleError where it does not fit the manifest."""
+    def of(
+        cls, bundle: Bundle, precision: str = "auto", image: RangeImage | None = None, **settings: Any
+    ) -> "ImageNet":
+        """The image network of a bundle, for images of a sensor; None: the first that the bundle lists.
+
+        Raises BundleError where it takes no images of that size, or does not fit the manifest.
+        """
         path, manifest = bundle.image_net(precision), bundle.manifest
-        net = cls(path, **settings)
-        image = manifest.sensor.range_image
-        want = (1, 5 + len(manifest.residual.lags), image.height, image.width)
+        own = manifest.sensor.range_image
+        image = own if image is None else image
+        size = image.height, image.width
+        net = cls(path, size, **settings)
+        want = (1, 5 + len(manifest.residual.lags), *size)
         if net.shape != want:
+            if net.shape[2:] == (own.height, own.width):
+                reason = f"its network is for images of {own.height} x {own.width}; export its checkpoint again"
+                raise BundleError(f"{path}: takes no image of {image.height} x {image.width}: {reason}")
             raise BundleError(f"{path}: takes an image of shape {net.shape}, the manifest says {want}")
         if net.features != manifest.features:
             raise BundleError(f"{path}: gives {net.features} features, the manifest says {manifest.features}")

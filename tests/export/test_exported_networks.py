@@ -1,5 +1,7 @@
 """The published outputs through exported files: ONNX Runtime for the image networks, Numba for the point heads."""
 
+import shutil
+
 import numpy as np
 import pytest
 import torch
@@ -10,10 +12,15 @@ from export.checkpoint.published import understand
 from export.graph.image_graph import image_bytes
 from mos_model.networks.registry import named_config
 from runtime.bundle.head_shape import FULL, LITE
-from runtime.bundle.loading import Bundle
+from runtime.bundle.loading import Bundle, load_bundle
+from runtime.bundle.manifest import IMAGE_NET
 from runtime.compute.sessions import open_session
 from runtime.compute.workers import Workers
+from runtime.errors import BundleError
 from runtime.head.numba_engine import PointHeadEngine
+from runtime.image.image_net import ImageNet
+from runtime.sensors.range_image import RangeImage
+from tests.support.paths import BUNDLE
 from tests.support.published import reference_head, reference_output, reference_state
 
 TOLERANCE = 1e-5  # of a probability; the gate of the export is 1e-4
@@ -78,6 +85,16 @@ def refined(folder, config, xyz, features):
     """Probabilities by the runtime's engine, from the written file."""
     engine = PointHeadEngine(Bundle(folder, None).point_head(), config, Workers(2))
     return engine.refine(xyz, np.ones(len(xyz), np.bool_), features)
+
+
+def test_a_file_for_images_of_one_size_takes_no_others(tmp_path):
+    """As bundles were written once."""
+    bundle = load_bundle(shutil.copytree(BUNDLE, tmp_path / "bundle"))
+    network, shape = named_config("v2-lite", 4).build_image_network().eval(), (1, 13, 64, 256)
+    (bundle.path / IMAGE_NET).write_bytes(image_bytes(network, shape))
+    assert ImageNet.of(bundle, threads=1).shape == shape
+    with pytest.raises(BundleError, match=r"no image of 16 x 1792: its network is for images of 64 x 256"):
+        ImageNet.of(bundle, image=RangeImage(16, 1792), threads=1)
 
 
 def test_the_same_network_gives_the_same_bytes():

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from runtime.bundle.loading import load_bundle
+from runtime.bundle.residual import Residual
 from runtime.compute.sessions import CPU
 from runtime.errors import BundleError, InferenceError
 from runtime.image.image_net import ImageNet
+from runtime.sensors.range_image import RangeImage
 from tests.support.paths import BUNDLE
 
 
@@ -71,12 +73,20 @@ def test_an_image_that_does_not_fit_is_an_error(net, given):
         net.run(given)
 
 
+@pytest.mark.parametrize(("height", "width"), [(16, 1792), (64, 256), (128, 96)])
+def test_images_of_every_sensor_are_taken(height, width):
+    sensor = RangeImage(height, width)
+    net = ImageNet.of(load_bundle(BUNDLE), image=sensor, threads=1)
+    seen = net.run(np.zeros((13, height, width), np.float32))
+    assert seen.probabilities.shape == (3, height, width)
+    with pytest.raises(InferenceError, match=rf"takes \(13, {height}, {width}\)"):
+        net.run(np.zeros((13, height, 2 * width), np.float32))
+
+
 def test_a_network_that_is_not_what_the_manifest_says_is_an_error(tmp_path):
     bundle = load_bundle(shutil.copytree(BUNDLE, tmp_path / "bundle"))
-    image = dataclasses.replace(bundle.manifest.sensor.range_image, width=512)
-    sensor = dataclasses.replace(bundle.manifest.sensor, range_image=image)
     for manifest, message in (
-        (dataclasses.replace(bundle.manifest, sensors=(sensor,)), r"shape \(1, 13, 64, 256\), the manifest says"),
+        (dataclasses.replace(bundle.manifest, residual=Residual((1, 2))), r"\(1, 13, 64, 256\), the manifest says"),
         (dataclasses.replace(bundle.manifest, features=8), "gives 4 features, the manifest says 8"),
     ):
         with pytest.raises(BundleError, match=message):
