@@ -105,8 +105,8 @@ class Forced:
     """Lets the point head of a runner look at a share of the points, whatever the image network says."""
 
     def __init__(self, runner: MosRunner, share: float) -> None:
-        assert isinstance(runner._refiner, Head)
-        head = runner._refiner.head
+        assert isinstance(runner._stages.refiner, Head)
+        head = runner._stages.refiner.head
         self.share, self.chosen = share, np.empty(0, bool)
         refine = head.refine
         head.refine = lambda xyz, valid, features, _, halo: refine(xyz, valid, features, self.chosen & valid, halo)

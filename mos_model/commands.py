@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.commands.options import Bundle, SensorName, Threads
+from runtime.commands.options import Bundle, StreetSensor, Threads, opened_sensor
 from runtime.commands.output import show_facts, show_line
 from runtime.sensors.registry import DEFAULT_SENSOR
 
@@ -34,18 +34,20 @@ def simulate(
     sequences: Annotated[int, typer.Option(min=1, help="Streets.")] = 1,
     frames: Annotated[int, typer.Option(min=1, help="Scans of each.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same data.")] = 0,
-    sensor: SensorName = DEFAULT_SENSOR,
+    sensor: StreetSensor = DEFAULT_SENSOR,
     street: Annotated[str, typer.Option(help="A kind of street or room, or random.")] = "random",
     version: Annotated[int, typer.Option(help="1: a car in streets. 2: robots, rooms, weather, many people too.")] = 1,
     weather: Annotated[str, typer.Option(help="clear, fog, rain, snow, dust, or random.")] = "random",
 ) -> None:
     """Write simulated streets with labels and poses, in SemanticKITTI's layout."""
+    profile = opened_sensor(sensor)
+
     from mos_model.simulator.write import write_dataset
     from runtime.commands.progress import counted
 
     with counted("scans") as progress:
         chosen = {"street": street, "version": version, "weather": weather}
-        done = write_dataset(out, sequences, frames, seed, sensor, progress, **chosen)
+        done = write_dataset(out, sequences, frames, seed, profile, progress, **chosen)
     show_line(
         f"{done.path}: {done.scans} scans in {done.sequences} sequences, "
         f"{done.points / done.scans:,.0f} points a scan, "

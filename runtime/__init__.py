@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 from runtime.errors import MosError, MosWarning
 
 if TYPE_CHECKING:
-    from runtime.runner import MosResult, MosRunner
+    from runtime.belief.result import MosResult
+    from runtime.runner import MosRunner
 
 __all__ = ["MosError", "MosResult", "MosRunner", "MosWarning", "__version__"]
 __version__ = "0.1.0"

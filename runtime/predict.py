@@ -1,5 +1,6 @@
 """The main job: a prediction file for every scan of a recording. Interrupted, it goes on where it was."""
 
+import hashlib
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from runtime import __version__
+from runtime.belief.result import MosResult
 from runtime.bundle.loading import sha256_of
 from runtime.bundle.manifest import MANIFEST
 from runtime.errors import MosError, PoseError, ScanError
@@ -20,7 +22,9 @@ from runtime.recordings.poses import check_pose
 from runtime.recordings.read_ahead import read_ahead
 from runtime.recordings.recording import Indexed, Recording, Scan
 from runtime.recordings.run_note import claim, delete
-from runtime.runner import MosResult, MosRunner
+from runtime.runner import MosRunner
+from runtime.sensors.registry import SENSORS
+from runtime.sensors.sensor import Sensor
 
 
 @dataclass
@@ -129,6 +133,7 @@ class _Run:
             self.finish()
             return False
         check_pose(scan.known_pose(), "pose")  # before other scans come to depend on it
+        self.runner.choose_sensor(scan.data, scan.ring)  # the first of the recording, not the first that is labelled
         made_of = self._dependence.add(self.recording.fingerprint(scan))
         self._ahead.append(_Read(scan, time.perf_counter() - started))
         if len(self._ahead) > self._delay:
@@ -222,7 +227,7 @@ class _Run:
 
     def _forget(self) -> None:
         """The next scan is the first of a sequence to the runner."""
-        self.runner.reset()
+        self.runner.reset(keep_sensor=True)
         self._given.clear()
 
 
@@ -231,6 +236,9 @@ def _identity(recording: Recording, runner: MosRunner) -> dict[str, Any]:
     return {
         "bundle": runner.bundle.manifest.name,
         "manifest_sha256": sha256_of(runner.bundle.path / MANIFEST),
+        "sensor": _fingerprint(runner.settings.profile),
+        "nearest": runner.settings.nearest,
+        "body": runner.settings.body,
         "postprocess": runner.postprocess,
         "refine": runner.settings.refine,
         "precision": runner.precision,
@@ -239,3 +247,10 @@ def _identity(recording: Recording, runner: MosRunner) -> dict[str, Any]:
         "version": __version__,
         "poses": recording.poses_from,
     }
+
+
+def _fingerprint(sensor: Sensor | None) -> str | None:
+    """The name of a given sensor; of one that is not known by it, with a checksum of what it is."""
+    if sensor is None or sensor == SENSORS.get(sensor.name):
+        return None if sensor is None else sensor.name
+    return f"{sensor.name} {hashlib.sha256(repr(sensor).encode()).hexdigest()[:12]}"

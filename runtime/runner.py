@@ -1,10 +1,8 @@
 """`MosRunner`: scan and pose in, a label for every point out."""
 
 import logging
-import math
 import threading
 import warnings
-from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -15,7 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from runtime.belief.believers import choose_believer
 from runtime.belief.delay import Delay
 from runtime.belief.places import Places
+from runtime.belief.result import MosResult
+from runtime.bundle.choice import Choice, Chooser
 from runtime.bundle.loading import Bundle, load_bundle
+from runtime.bundle.manifest import SensorEntry
 from runtime.bundle.residual import HISTORY
 from runtime.compute.jit import is_cached
 from runtime.compute.quota import available_processors
@@ -23,32 +24,21 @@ from runtime.compute.sessions import provider_name
 from runtime.compute.stopwatch import Stopwatch
 from runtime.compute.workers import Workers
 from runtime.doctor.watch import Look, Watch
-from runtime.errors import InferenceError, MosWarning, SettingError
-from runtime.head.refiners import PointLabels, choose_refiner
+from runtime.errors import InferenceError, MosWarning
+from runtime.head.refiners import PointLabels
+from runtime.head.stages import Stages
 from runtime.image.entry import Entered
 from runtime.image.history import History
-from runtime.image.image_net import ImageNet
-from runtime.image.inputs import ImageInput, InputBuilder
+from runtime.image.inputs import ImageInput
 from runtime.image.precision import choose_precision
 from runtime.image.projection import project_scan
 from runtime.odometry.intake import Intake, Taken
 from runtime.recordings.poses import Pose
 from runtime.recordings.recording import Scan
+from runtime.recordings.scans import check_scan
 from runtime.settings import RunnerSettings
 
 log = logging.getLogger("lidar_mos")
-
-
-@dataclass(frozen=True)
-class MosResult:
-    """Labels of one scan. The arrays are the caller's own."""
-
-    moving: NDArray[np.bool_]  # (N,) the point belongs to something that moves
-    probability: NDArray[np.float32]  # (N,) that it does: of the point head, or of the point's pixel without one
-    ready: bool  # the history was full: all residual images had a scan
-    timing: dict[str, float]  # s: "input", "network", "postprocess", "belief", "history", "total"
-    index: int  # of the scan, counted since `reset()`
-    pose: Pose  # (4, 4) T_world_lidar that the scan was taken to have
 
 
 class MosRunner:
@@ -66,37 +56,27 @@ class MosRunner:
 
         bundle: folder of a bundle; None: the default one.
         settings: see `RunnerSettings`, whose fields may be given by name too: `MosRunner(threads=2, refine="all")`.
-            What was chosen for "auto" is logged and in the attributes `precision`,
-            `postprocess` and `belief`.
+            What was chosen for "auto" is logged and in the attributes `precision`, `postprocess` and `belief`; the
+            sensor in `sensor`. Where the first scan decides on that, memory is laid out anew for it.
 
         Raises BundleError, ProviderError or SettingError.
         """
         self.settings = (settings or RunnerSettings()).changed(changes)
         self.bundle: Bundle = load_bundle(bundle)
         manifest, given = self.bundle.manifest, self.settings
-        threads = available_processors() if given.threads is None else given.threads
-        self.workers = Workers(threads)
-        sensor = manifest.sensor
-        self._inputs = InputBuilder(sensor.range_image, manifest.residual, self.workers, sensor.reach)
-        wanted = list(given.providers or ())
-        self.precision, reason = choose_precision(self.bundle, given.precision, [provider_name(one) for one in wanted])
+        self.workers = Workers(available_processors() if given.threads is None else given.threads)
+        wanted = [provider_name(one) for one in given.providers or ()]
+        self.precision, reason = choose_precision(self.bundle, given.precision, wanted)
         log.info("image network in %s: %s", self.precision, reason)
-        self._image_net = ImageNet.of(
-            self.bundle,
-            precision=self.precision,
-            threads=threads,
-            providers=given.providers,
-            allow_fallback=given.allow_fallback,
-            session_options=given.session_options,
-        )
-        started = [one for one in wanted if provider_name(one) in self._image_net.providers]
-        self.postprocess, self._refiner = choose_refiner(self.bundle, given, self.workers, started)
+        if not is_cached(project_scan):
+            log.warning("compiling kernels, once on this machine (20 to 60 s)")
+        self._chooser = Chooser(manifest, given.profile)
+        self._lay_out(self._chooser.default)
         self._believer = choose_believer(given, self.postprocess, manifest, self.workers)
-        self._delay = Delay(given.delay, self._believer.judge, _with_labels)
+        self._delay = Delay(given.delay, self._believer.judge, MosResult.with_labels)
         self._intake = Intake(given.odometry, given.deskew)
         self._scans = 0  # since `reset()`
         self._history = History(manifest.tuned)
-        self._doctor = Watch(sensor.range_image)
         self._closed = False
         self._lock = threading.Lock()
         self._warm_up()
@@ -111,8 +91,28 @@ class MosRunner:
         """What "auto" means here: "online" or "none"."""
         return "online" if self._believer.horizon else "none"
 
-    def reset(self) -> None:
-        """Forget the history: the next scan is the first of a sequence."""
+    @property
+    def postprocess(self) -> str:
+        """From pixels to points: "none", "knn" or "head"."""
+        return self._stages.postprocess
+
+    @property
+    def sensor(self) -> SensorEntry | None:
+        """The sensor that scans are taken for, with its range image and thresholds; None: the next scan decides."""
+        return self._chooser.sensor
+
+    def choose_sensor(self, scan: ArrayLike, ring: ArrayLike | None = None) -> SensorEntry | None:
+        """Let this scan decide on the sensor, where none is given, as the first call does; None where it shows none.
+
+        A sensor that is chosen stays until `reset()`. For recordings that are labelled from the middle on, and where
+        the number of the laser of each point, ring (N,), is known.
+        """
+        with self._lock:
+            self._choose(check_scan(scan), ring)
+            return self.sensor
+
+    def reset(self, keep_sensor: bool = False) -> None:
+        """Forget the history: the next scan is the first of a sequence, and decides on the sensor where it is to."""
         with self._lock:
             self._history.clear()
             self._believer.clear()
@@ -120,6 +120,8 @@ class MosRunner:
             self._doctor.reset()
             self._intake.reset()
             self._scans = 0
+            if not keep_sensor:
+                self._chooser.forget()
 
     def flush(self) -> list[MosResult]:
         """The results that a delay still holds back, oldest first, by what is known up to now."""
@@ -187,42 +189,55 @@ class MosRunner:
             if self._believer.horizon:
                 self._step(scan, pose, time, times)
             else:
-                self._pass(scan, pose, time, times)
+                self._remember(*self._enter(scan, pose, time, times))
 
     def _step(self, *given: Any) -> tuple[MosResult, Places | None]:
         """Label a scan and remember it."""
         watch = Stopwatch()
-        taken, entered, jump = self._enter(*given)
-        past = [] if jump else self._history.past(taken.pose)
+        taken, pose, entered, jump = self._enter(*given)
+        past = [] if jump else self._history.past(pose)
         # Project and compare: the range image and its residuals
-        projected = self._inputs.project(entered, past)
-        image = self._inputs.residuals(projected, past)
+        projected = self._stages.inputs.project(entered, past)
+        image = self._stages.inputs.residuals(projected, past)
         watch.lap("input")
         # Infer and refine: from pixels to points
         labels = self._label(entered, image, watch)
         # Believe: what the last scans found at these places
-        labels, places = self._believer.believe(entered, taken.pose, labels, follows=bool(past))
+        labels, places = self._believer.believe(entered, pose, labels, follows=bool(past))
         watch.lap("belief")
         # Remember
-        look = self._doctor.look(taken.data, image, past)
-        index = self._remember(taken, entered, jump, look, places)
+        look = self._doctor.look(taken.data if self._stages.choice.mounting is None else entered.points, image, past)
+        index = self._remember(taken, pose, entered, jump, look, places)
         watch.lap("history")
-        return MosResult(*labels, len(past) == HISTORY, watch.timing(), index, taken.pose.copy()), places
-
-    def _pass(self, *given: Any) -> None:
-        """Remember a scan without labelling it."""
-        self._remember(*self._enter(*given))
+        name, found = self._stages.choice.entry.name, taken.pose.copy()
+        return MosResult(*labels, len(past) == HISTORY, watch.timing(), index, found, name), places
 
     def _enter(
         self, scan: ArrayLike | Scan, pose: ArrayLike | None, time: float | None, times: ArrayLike | None
-    ) -> tuple[Taken, Entered, str]:
-        """The scan with its pose, its points in a buffer of this runner, and in what it follows none ("": it does)."""
+    ) -> tuple[Taken, Pose, Entered, str]:
+        """The scan, the pose of its sensor, its points in a buffer, and in what it does not follow ("": it does)."""
         if self._closed:
             raise InferenceError("this runner is closed: make a new MosRunner")
-        _check_time(time)
         taken = self._intake.take(scan, pose, time, times)
-        entered = self._inputs.enter(taken.data)
-        return taken, entered, taken.lost or self._history.jump(taken.pose, taken.time)
+        data = check_scan(taken.data)
+        self._choose(data, scan.ring if isinstance(scan, Scan) else None)
+        seen_from = self._stages.pose(taken.pose)
+        jump = taken.lost or self._history.jump(seen_from, taken.time)
+        return taken, seen_from, self._stages.inputs.enter(data), jump
+
+    def _choose(self, scan: NDArray[np.floating], ring: ArrayLike | None = None) -> None:
+        """Decide on the sensor by a scan, unless that is done."""
+        choice = self._chooser.propose(scan, ring)
+        if not self._stages.serve(choice):
+            self._lay_out(choice)
+            self._history.clear()  # of scans that showed nothing
+        self._chooser.keep(choice)
+
+    def _lay_out(self, choice: Choice) -> None:
+        """Make the stages for a sensor, with every kernel compiled or loaded."""
+        self._stages = Stages.of(self.bundle, choice, self.settings, self.precision, self.workers)
+        self._stages.refiner.warm_up()
+        self._doctor = Watch(choice.entry.range_image)
 
     def _label(self, scan: Entered, image: ImageInput, watch: Stopwatch) -> PointLabels:
         """Infer, and refine."""
@@ -230,15 +245,16 @@ class MosRunner:
             watch.lap("network")
             labels = PointLabels(np.zeros(len(scan), np.bool_), np.zeros(len(scan), np.float32))
         else:
-            seen = self._image_net.run(image.image)
+            seen = self._stages.image_net.run(image.image)
             watch.lap("network")
-            labels = self._refiner.refine(scan, image, seen)
+            labels = self._stages.refiner.refine(scan, image, seen)
         watch.lap("postprocess")
         return labels
 
     def _remember(
         self,
         taken: Taken,
+        pose: Pose,
         entered: Entered,
         jump: str,
         look: Look | None = None,
@@ -255,34 +271,17 @@ class MosRunner:
         if look:
             self._doctor.keep(look)
         self._intake.keep(taken)
-        self._history.add(entered, taken.pose, taken.time)
+        self._history.add(entered, pose, taken.time)
         self._believer.add(places)
         self._delay.reach(self._scans)
         self._scans += 1
         return self._scans - 1
 
     def _warm_up(self) -> None:
-        """Compile or load every kernel, and let ONNX Runtime and the point head lay out their memory."""
-        if not is_cached(project_scan):
-            log.warning("compiling kernels, once on this machine (20 to 60 s)")
+        """Compile or load the other kernels, and let ONNX Runtime lay out its memory."""
         grid = np.linspace(-1, 1, 16, dtype=np.float32)
         y, z = (a.reshape(-1) for a in np.meshgrid(grid, grid))
         wall = np.stack([np.full_like(y, 10), y, z, np.zeros_like(y)], axis=1)
         self.remember(wall, np.eye(4))
         self(wall, np.eye(4))
         self.reset()
-        self._refiner.warm_up()
-
-
-def _with_labels(result: MosResult, labels: PointLabels) -> MosResult:
-    return replace(result, moving=labels.moving, probability=labels.probability)
-
-
-def _check_time(time: float | None) -> None:
-    """Raise SettingError unless `time` is a number of seconds or None."""
-    try:
-        known = time is None or math.isfinite(time)
-    except (TypeError, OverflowError):
-        known = False
-    if not known:
-        raise SettingError(f"time must be a number of seconds, or None, not {time!r}")

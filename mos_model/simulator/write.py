@@ -12,7 +12,7 @@ from runtime.classes import MOVING, to_classes
 from runtime.errors import OutputError, SettingError
 from runtime.files import replacing_folder
 from runtime.recordings.poses import relative_pose
-from runtime.sensors.registry import DEFAULT_SENSOR, find_sensor
+from runtime.sensors.registry import DEFAULT_SENSOR, open_sensor
 from runtime.sensors.sensor import Sensor
 
 # T_camera_lidar of a camera that looks forward, a little below and before the LiDAR (KITTI's `Tr`).
@@ -52,7 +52,7 @@ def write_dataset(
         raise SettingError(f"sequences must be a whole number within 1..1000, not {sequences!r}")
     if not isinstance(seed, int) or seed < 0:
         raise SettingError(f"seed must be a whole number of at least 0, not {seed!r}")
-    profile = find_sensor(sensor)
+    profile = open_sensor(sensor)
     target = Path(out)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise OutputError(f"{target} exists already: name a new or an empty folder")

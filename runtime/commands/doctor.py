@@ -1,5 +1,7 @@
 """`mos doctor`: what does not fit in a recording, in plain words."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,19 +18,23 @@ from runtime.commands.options import (
     Names,
     NoDeskew,
     Odometry,
+    OwnSensor,
     Poses,
     PoseTopic,
     RemissionScale,
     Topic,
+    opened_sensor,
     wrong_usage,
 )
 from runtime.commands.output import say, show_line, show_rows, worded
 from runtime.commands.recordings import recording_options, with_found_poses
 from runtime.errors import BundleError
+from runtime.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
+    from runtime.bundle.choice import Choice
     from runtime.doctor.findings import Finding
-    from runtime.sensors.range_image import RangeImage
+    from runtime.recordings.recording import Indexed
 
 COLOURS = {"ok": "green", "warn": "yellow", "bad": "red"}
 
@@ -36,6 +42,7 @@ COLOURS = {"ok": "green", "warn": "yellow", "bad": "red"}
 def doctor(
     path: Input,
     bundle: Bundle = None,
+    sensor: OwnSensor = None,
     names: Names = None,
     poses: Poses = None,
     frame: Frame = None,
@@ -49,6 +56,7 @@ def doctor(
     no_deskew: NoDeskew = False,
 ) -> None:
     """Look at scans and poses and say in plain words what does not fit. Exit code 1 if anything is bad."""
+    given = None if sensor is None else opened_sensor(sensor)
     from runtime.doctor.diagnose import examine
     from runtime.recordings.registry import check_options, find_recordings
 
@@ -67,10 +75,10 @@ def doctor(
     )
     with wrong_usage():
         check_options(found, options)
-    sensor = _sensor(bundle)
+    choose = _chooser(bundle, given)
     bad = False
     for one in found:
-        findings = examine(one, sensor, options, lambda given: with_found_poses(given, options))
+        findings = examine(one, choose, options, lambda given: with_found_poses(given, options))
         show_findings(one.path, findings)
         bad |= any(finding.level == "bad" for finding in findings)
     raise typer.Exit(1 if bad else 0)
@@ -84,14 +92,16 @@ def show_findings(folder: Path, findings: list["Finding"]) -> None:
     show_line(f"{bad} bad, {warn} to look at" if bad or warn else "all well")
 
 
-def _sensor(bundle: Path | None) -> "RangeImage | None":
-    """The sensor that the bundle was made for; None where no bundle is given and none is installed."""
+def _chooser(bundle: Path | None, given: Sensor | None) -> "Callable[[Indexed], Choice] | None":
+    """What tells the sensor that a bundle takes scans for; None where no bundle is given, and none is installed."""
     from runtime.bundle.loading import load_bundle
+    from runtime.doctor.sensor_of import sensor_of
 
     try:
-        return load_bundle(bundle).manifest.sensor.range_image
+        manifest = load_bundle(bundle).manifest
     except BundleError:
         if bundle is not None:
             raise
         say("no bundle is installed: the sensor is not compared with any (`bundle`)")
         return None
+    return partial(sensor_of, manifest=manifest, given=given)

@@ -23,7 +23,7 @@ class Command(TyperCommand):
     def invoke(self, ctx: Any) -> Any:
         name = ctx.command_path.partition(" ")[0]
         before = SPEAKER.set(Speaker(name, {option.name: option.opts[0] for option in self.params if option.name}))
-        with warnings.catch_warnings(), _said("lidar_mos.recordings"):
+        with warnings.catch_warnings(), _said("lidar_mos.recordings"), _said("lidar_mos.sensors"):
             warnings.simplefilter("default", MosWarning)
             warnings.showwarning = _show_warning
             try:

@@ -1,6 +1,6 @@
 """`mos info`: everything that a manifest says."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,6 +12,7 @@ from runtime.commands.output import show_facts
 
 if TYPE_CHECKING:
     from runtime.bundle.loading import Bundle
+    from runtime.bundle.manifest import SensorEntry
 
 
 def info(
@@ -30,20 +31,17 @@ def show_bundle(bundle: "Bundle") -> None:
     from runtime.image.precision import choose_precision
 
     manifest = bundle.manifest
-    sensor, residual, head = manifest.sensor, manifest.residual, manifest.point_head
-    image, decision = sensor.range_image, sensor.decision
+    image, residual, head = manifest.sensor.range_image, manifest.residual, manifest.point_head
     rows = {
         "bundle": f"{manifest.name}, format {manifest.format}",
         "folder": str(bundle.path.resolve()),
         "network": _words({key: value for key, value in manifest.model.items() if _plain(value)}),
         "features": f"{manifest.features} channels",
-        "sensor": f"{sensor.name}, {image.height} x {image.width} pixels, {image.fov_down:g} to {image.fov_up:g} deg, "
-        f"up to {sensor.reach:g} m",
+        **_sensors(manifest.sensors),
         "normalisation": f"means {_numbers(image.mean)}; stds {_numbers(image.std)}",
         "residuals": f"{residual.kind}, lags {_numbers(residual.lags)}, {residual.min_range:g} to "
         f"{residual.max_range:g} m",
         "point head": "none" if head is None else _words(asdict(head)),
-        "decision": f"pixels: {_decision(decision.threshold)}; point head: {_decision(decision.head_threshold)}",
         "postprocess": f"{manifest.postprocess} unless told otherwise",
         **{name: f"{entry.bytes / 1e6:.2f} MB, {entry.precision}" for name, entry in manifest.files.items()},
         "precision": "image network in {}: {}".format(*choose_precision(bundle, "auto", [])),
@@ -53,6 +51,19 @@ def show_bundle(bundle: "Bundle") -> None:
         "licence": manifest.licence,
     }
     show_facts(rows)
+
+
+def _sensors(sensors: Iterable["SensorEntry"]) -> dict[str, str]:
+    """A row for each."""
+    rows = {}
+    for one in sensors:
+        image, decision = one.range_image, one.decision
+        rows[f"sensor {one.name}"] = (
+            f"{image.height} x {image.width} pixels, {image.fov_down:.4g} to {image.fov_up:.4g} deg, up to "
+            f"{one.reach:g} m; pixels: {_decision(decision.threshold)}; point head: "
+            f"{_decision(decision.head_threshold)}"
+        )
+    return rows
 
 
 def _decision(threshold: float | None) -> str:

@@ -10,7 +10,8 @@ import typer
 
 from runtime.commands.output import printable, worded
 from runtime.errors import SettingError
-from runtime.sensors.registry import SENSORS
+from runtime.sensors.registry import SENSORS, open_sensor
+from runtime.sensors.sensor import Sensor
 
 
 class PoseFrame(StrEnum):
@@ -41,6 +42,23 @@ Bundle = Annotated[Path | None, typer.Option(help="Bundle to use.", show_default
 Threads = Annotated[int, typer.Option(min=1, help="Threads to use.")]
 SensorName = Annotated[
     str, typer.Option("--sensor", help=f"Sensor of the streets and of the images: {', '.join(SENSORS)}.")
+]
+StreetSensor = Annotated[
+    str,
+    typer.Option(
+        "--sensor",
+        metavar="NAME|FILE.json",
+        help=f"Sensor of the streets: {', '.join(SENSORS)}, or a file with the fields of `Sensor`.",
+    ),
+]
+OwnSensor = Annotated[
+    str | None,
+    typer.Option(
+        "--sensor",
+        metavar="NAME|FILE.json",
+        help=f"Sensor of the scans: {', '.join(SENSORS)}, or a file with the fields of `Sensor`.",
+        show_default="the bundle's, or as the first scan shows",
+    ),
 ]
 Names = Annotated[
     list[str] | None,
@@ -88,6 +106,12 @@ RemissionScale = Annotated[
     float | None,
     typer.Option(help="Full remission in the files, by which it is divided.", show_default="as the first scans show"),
 ]
+
+
+def opened_sensor(sensor: str) -> Sensor:
+    """The sensor of `--sensor`."""
+    with wrong_usage():
+        return open_sensor(sensor)
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from runtime.commands.options import (
     Names,
     NoDeskew,
     Odometry,
+    OwnSensor,
     Poses,
     PoseTopic,
     RemissionScale,
@@ -30,14 +31,17 @@ from runtime.commands.recordings import recording_options, with_found_poses
 from runtime.commands.runner_options import (
     DEFAULTS,
     Belief,
+    Body,
     Delay,
     Fallback,
     HeadEngine,
+    Nearest,
     Postprocess,
     Precision,
     Providers,
     Refine,
     SessionOptions,
+    corners,
     key_value,
     provider,
     runner_settings,
@@ -55,6 +59,7 @@ def run(
     path: Input,
     out: Annotated[Path, typer.Option(help="Folder for sequences/NN/predictions/*.label.")] = Path("predictions"),
     bundle: Bundle = None,
+    sensor: OwnSensor = None,
     threads: Threads = 2,
     limit: Annotated[
         int | None, typer.Option(min=1, help="Only the first scans of a sequence.", show_default="all")
@@ -83,6 +88,8 @@ def run(
     precision: Precision = DEFAULTS.precision,
     belief: Belief = DEFAULTS.belief,
     delay: Delay = DEFAULTS.delay,
+    nearest: Nearest = DEFAULTS.nearest,
+    body: Body = None,
     providers: Providers = None,
     allow_fallback: Fallback = False,
     session_options: SessionOptions = None,
@@ -100,6 +107,9 @@ def run(
         belief=belief,
         delay=delay,
         deskew=not no_deskew,
+        sensor=sensor,
+        nearest=nearest,
+        body=None if body is None else corners(body),
         providers=[provider(text) for text in providers or ()] or None,
         allow_fallback=allow_fallback,
         session_options=dict(key_value(text) for text in session_options or ()),
@@ -125,6 +135,7 @@ def run(
     with wrong_usage():
         recordings = open_recordings(path, tuple(names or ()), options)
 
+    from runtime.doctor.sensor_of import in_own_frame, sensor_of
     from runtime.predict import predictions_folder
     from runtime.runner import MosRunner
 
@@ -136,7 +147,8 @@ def run(
             )
         for given in recordings:
             recording = with_found_poses(given, options, predictions_folder(out, given).parent)
-            told = _warn_of_misfits(recording, runner.bundle.manifest.sensor.range_image, skip_broken)
+            chosen = sensor_of(recording, runner.bundle.manifest, settings.profile)
+            told = _warn_of_misfits(in_own_frame(recording, chosen), chosen.entry.range_image, skip_broken)
             with warnings.catch_warnings():
                 for topic in told:
                     warnings.filterwarnings("ignore", f"{topic}: ", MosWarning)  # the runner's own word on it
@@ -148,14 +160,14 @@ def run(
         raise typer.Exit(130) from None
 
 
-def _warn_of_misfits(recording: "Indexed", sensor: "RangeImage", skip_broken: bool) -> set[str]:
+def _warn_of_misfits(recording: "Indexed", image: "RangeImage", skip_broken: bool) -> set[str]:
     """Say on stderr what makes the labels of a recording worthless, such as poses in another frame; its topics.
 
     skip_broken: not what is broken, which is said at the end.
     """
     from runtime.doctor.diagnose import diagnose
 
-    bad = [finding for finding in diagnose(recording, sensor) if finding.level == "bad"]
+    bad = [finding for finding in diagnose(recording, image) if finding.level == "bad"]
     told = [finding for finding in bad if not (skip_broken and finding.topic in ("scans", "poses"))]
     for finding in told:
         say(f"{recording.source}: {finding.topic}: {finding.text}. The labels will be wrong")

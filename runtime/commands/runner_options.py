@@ -47,6 +47,17 @@ Delay = Annotated[
     int,
     _option(min=0, max=LONGEST_DELAY, help="Later scans that count for a label too."),
 ]
+Nearest = Annotated[
+    float, _option(min=0, metavar="M", help="Nearer points take no part: the carrier itself, in view of the sensor.")
+]
+Body = Annotated[
+    str | None,
+    _option(
+        metavar="X,Y,Z,X,Y,Z",
+        help="Two corners of a box in m, in the scans' frame: points within take no part.",
+        show_default=False,
+    ),
+]
 Providers = Annotated[
     list[str] | None,
     _option(
@@ -80,6 +91,14 @@ def provider(text: str) -> str | tuple[str, dict[str, str]]:
     """An execution provider as `MosRunner` takes it, of NAME or NAME:key=value,..."""
     name, colon, options = text.partition(":")
     return (name, dict(key_value(one) for one in options.split(","))) if colon else name
+
+
+def corners(text: str) -> tuple[float, ...]:
+    """The six numbers of --body."""
+    try:
+        return tuple(float(number) for number in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not X,Y,Z,X,Y,Z: two corners of a box, in m") from None
 
 
 def key_value(text: str) -> tuple[str, str]:

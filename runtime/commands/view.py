@@ -17,10 +17,12 @@ from runtime.commands.options import (
     Input,
     NoDeskew,
     Odometry,
+    OwnSensor,
     Poses,
     PoseTopic,
     RemissionScale,
     Topic,
+    opened_sensor,
     wrong_usage,
 )
 from runtime.commands.output import show_line
@@ -53,6 +55,7 @@ def view(
     ] = Path("view.png"),
     show: Annotated[bool, typer.Option("--show", help="Open the recording in Rerun's viewer.")] = False,
     bundle: Bundle = None,
+    sensor: OwnSensor = None,
     threads: Annotated[int | None, typer.Option(min=1, help="Threads to use.", show_default="2")] = None,
     name: Annotated[
         str | None, typer.Option("--sequence", help="Sequence under a root.", show_default="the only one")
@@ -74,8 +77,11 @@ def view(
         raise typer.BadParameter(f"--count is for a .gif or .rrd, and {out} shows one scan, chosen by --scan")
     if show and suffix != ".rrd":
         raise typer.BadParameter(f"--show opens 3D recordings, and {out} is none: let --out end with .rrd")
-    if predictions is not None and (bundle is not None or threads is not None):
-        raise typer.BadParameter("--bundle and --threads are for what a bundle says now, and --predictions are there")
+    if predictions is not None and (bundle, sensor, threads) != (None, None, None):
+        raise typer.BadParameter(
+            "--bundle, --sensor and --threads are for what a bundle says now, and --predictions are there"
+        )
+    given = None if sensor is None else opened_sensor(sensor)
 
     from runtime.commands.progress import counted
     from runtime.pictures import check_output
@@ -110,6 +116,7 @@ def view(
             scan=scan,
             count=count,
             bundle=bundle,
+            sensor=given,
             threads=threads or 2,
             deskew=not no_deskew,
             on_progress=progress,

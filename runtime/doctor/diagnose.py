@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from runtime.bundle.choice import Choice
 from runtime.doctor.check_alignment import check_alignment
 from runtime.doctor.check_cloud import check_cloud
 from runtime.doctor.check_files import check_files
@@ -16,6 +17,7 @@ from runtime.doctor.check_sensor import check_sensor
 from runtime.doctor.findings import Finding
 from runtime.doctor.pairs import geometry_of
 from runtime.doctor.sample import Sample
+from runtime.doctor.sensor_of import in_own_frame
 from runtime.errors import MosError, MosWarning, PoseError, some
 from runtime.recordings.around import Beginning
 from runtime.recordings.recording import DEFAULTS, Indexed, Options
@@ -29,9 +31,15 @@ SAMPLES = 12  # scans whose points are looked at, spread over the recording
 
 
 def examine(
-    found: Found, sensor: RangeImage | None = None, options: Options = DEFAULTS, locate: Locate | None = None
+    found: Found,
+    choose: Callable[[Indexed], Choice] | None = None,
+    options: Options = DEFAULTS,
+    locate: Locate | None = None,
 ) -> list[Finding]:
-    """Findings about a recording that is yet to be opened: what stands in the way of that, then as `diagnose`."""
+    """Findings about a recording that is yet to be opened: what stands in the way of that, then as `diagnose`.
+
+    choose: the sensor that its scans are taken for, see `sensor_of`; None: it is compared with none.
+    """
     problems: list[Finding] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", MosWarning)
@@ -43,21 +51,26 @@ def examine(
         except MosError as error:
             return [Finding("bad", "files", str(error))]
     told = [Finding("warn", "files", str(warning.message)) for warning in caught]
-    return diagnose(recording, sensor, None if problems else locate) + told + problems
+    locate = None if problems else locate
+    if choose is None:
+        return diagnose(recording, None, locate) + told + problems
+    chosen = choose(recording)
+    told.append(Finding("ok", "sensor", chosen.text))
+    return diagnose(in_own_frame(recording, chosen), chosen.entry.range_image, locate) + told + problems
 
 
-def diagnose(recording: Indexed, sensor: RangeImage | None = None, locate: Locate | None = None) -> list[Finding]:
+def diagnose(recording: Indexed, image: RangeImage | None = None, locate: Locate | None = None) -> list[Finding]:
     """Findings about a recording, best read in their order.
 
-    sensor: what the bundle was made for; None leaves that comparison out. locate: gives a recording without poses those
-    that an odometry finds, of which some from its beginning are looked at. Broken scans become findings, not errors.
+    image: what the network sees; None leaves that comparison out. locate: gives a recording without poses those that an
+    odometry finds, of which some from its beginning are looked at. Broken scans become findings, not errors.
     """
     found = check_files(recording)
     samples = _read_samples(recording)
     if samples:
         found += check_scans(samples)
         found += check_cloud(recording)
-        found += check_sensor(samples, sensor) if sensor else []
+        found += check_sensor(samples, image) if image else []
     if recording.times is not None:
         found += check_times(recording.times)
     if recording.poses is None and locate is not None:

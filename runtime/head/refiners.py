@@ -92,15 +92,15 @@ class Head(Pixels):
 
 
 def choose_refiner(
-    bundle: Bundle, settings: RunnerSettings, workers: Workers, providers: list[Provider]
+    bundle: Bundle, decision: Decision, settings: RunnerSettings, workers: Workers, providers: list[Provider]
 ) -> tuple[str, Refiner]:
     """What `settings.postprocess` names, or the bundle: "none", "knn" or "head", and what does it.
 
-    providers: execution providers that could be started, for the point head's ONNX engine. Raises SettingError where
-    the bundle has no point head, and what `choose_head` raises.
+    decision: the thresholds, those of the sensor. providers: execution providers that could be started, for the point
+    head's ONNX engine. Raises SettingError where the bundle has no point head, and what `choose_head` raises.
     """
     manifest = bundle.manifest
-    decision, name = manifest.sensor.decision, settings.postprocess or manifest.postprocess
+    name = settings.postprocess or manifest.postprocess
     if name == "none":
         return name, Pixels(decision)
     if name == "knn":

@@ -70,7 +70,7 @@ class ImageNet:
         net = cls(path, size, **settings)
         want = (1, 5 + len(manifest.residual.lags), *size)
         if net.shape != want:
-            if net.shape[2:] == (own.height, own.width):
+            if net.shape == (*want[:2], own.height, own.width):
                 reason = f"its network is for images of {own.height} x {own.width}; export its checkpoint again"
                 raise BundleError(f"{path}: takes no image of {image.height} x {image.width}: {reason}")
             raise BundleError(f"{path}: takes an image of shape {net.shape}, the manifest says {want}")

@@ -71,11 +71,18 @@ class InputBuilder:
     """
 
     def __init__(
-        self, range_image: RangeImage, residual: Residual, workers: Workers, reach: float = UNKNOWN_REACH
+        self,
+        range_image: RangeImage,
+        residual: Residual,
+        workers: Workers,
+        reach: float = UNKNOWN_REACH,
+        nearest: float = 0.0,
+        body: Sequence[float] | None = None,
+        mounting: NDArray[np.float64] | None = None,
     ) -> None:
-        """reach: m, of the sensor; farther points take no part."""
+        """reach: m, of the sensor; farther points take no part, nor do those of the carrier: see `Entry`."""
         self.range_image, self.residual, self.workers = range_image, residual, workers
-        self._entry = Entry(range_image.mean[4], reach, workers)
+        self._entry = Entry(range_image.mean[4], reach, workers, nearest, body, mounting)
         self._scale = pixel_scale(range_image)
         self._limits = np.float32(residual.min_range), np.float32(residual.max_range)
         cells = range_image.height * range_image.width

@@ -1,11 +1,12 @@
 """Where a scan comes in: it gets a pose, and points of one time."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from runtime.errors import PoseError, ScanError
+from runtime.errors import PoseError, ScanError, SettingError
 from runtime.odometry.odometry import Odometry, choose_odometry, located
 from runtime.recordings.deskew import STILL, Motion, deskewed, middle_of, span_of, steady, velocity_between
 from runtime.recordings.poses import Pose, check_pose
@@ -41,7 +42,11 @@ class Intake:
     def take(
         self, scan: ArrayLike | Scan, pose: ArrayLike | None, time: float | None, times: ArrayLike | None
     ) -> Taken:
-        """A scan as `MosRunner` is given it. Raises ScanError, PoseError, and what the odometry raises."""
+        """A scan as `MosRunner` is given it.
+
+        Raises ScanError, PoseError, SettingError (of the time), and what the odometry raises.
+        """
+        _check_time(time)
         given = scan if isinstance(scan, Scan) else None
         data: ArrayLike = scan if given is None else given.data  # type: ignore[assignment]
         pose = given.pose if given and pose is None else pose
@@ -83,3 +88,13 @@ def _check_times(times: ArrayLike | None, data: ArrayLike) -> NDArray[np.float32
     if values.shape != (len(np.asarray(data)),):
         raise ScanError(f"times must be one for each of the points, not of shape {values.shape}")
     return values
+
+
+def _check_time(time: float | None) -> None:
+    """Raise SettingError unless `time` is a number of seconds or None."""
+    try:
+        known = time is None or math.isfinite(time)
+    except (TypeError, OverflowError):
+        known = False
+    if not known:
+        raise SettingError(f"time must be a number of seconds, or None, not {time!r}")

@@ -8,6 +8,7 @@ from runtime.errors import SettingError
 from runtime.pictures.output import check_output, write_picture
 from runtime.pictures.snapshot import Live, Snapshot, Stored, System, snapshots
 from runtime.recordings.recording import Indexed
+from runtime.sensors.sensor import Sensor
 
 COUNT = 30  # scans of a GIF or recording unless told otherwise
 
@@ -21,13 +22,15 @@ def draw(
     scan: int | None = None,
     count: int | None = None,
     bundle: Path | None = None,
+    sensor: str | Path | Sensor | None = None,
     threads: int = 2,
     deskew: bool = True,
     on_progress: Callable[[int, int], object] = lambda done, total: None,
 ) -> int:
     """Write the picture `out` of a recording; the number of scans in it.
 
-    predictions: root or folder of .label files; None: what `bundle`, or the default one, says.
+    predictions: root or folder of .label files; None: what `bundle`, or the default one, says, for `sensor`: see
+        `RunnerSettings`.
     compare: such files of a second system, shown beside the first.
     scan: position in the recording, from 0: of the one scan of a .png (None: in the middle), of the first one of
         `count` scans (None: COUNT) of a .gif or .rrd (None: 0).
@@ -42,7 +45,7 @@ def draw(
     if predictions is None:
         from runtime.runner import MosRunner
 
-        systems.insert(0, Live(MosRunner(bundle, threads=threads, deskew=deskew), recording))
+        systems.insert(0, Live(MosRunner(bundle, threads=threads, sensor=sensor, deskew=deskew), recording))
 
     def reported() -> Iterator[Snapshot]:
         for done, one in enumerate(snapshots(recording, systems, chosen)):

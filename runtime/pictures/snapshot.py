@@ -87,11 +87,20 @@ class Live:
 
     def moving(self, index: int, scan: Scan) -> NDArray[np.bool_]:
         if index != self._next:
-            self._runner.reset()
+            self._choose_sensor()
+            self._runner.reset(keep_sensor=True)
             for past in range(max(0, index - self._runner.history_length), index):
                 self._runner.remember(self._recording.read(past))
         self._next = index + 1
         return self._runner(scan).moving
+
+    def _choose_sensor(self) -> None:
+        """By the first scan of the recording that shows it."""
+        for first in range(len(self._recording)):
+            if self._runner.sensor:
+                return
+            scan = self._recording.read(first)
+            self._runner.choose_sensor(scan.data, scan.ring)
 
 
 def snapshots(recording: Indexed, systems: Sequence[System], indices: Iterable[int]) -> Iterator[Snapshot]:

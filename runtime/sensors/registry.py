@@ -1,9 +1,12 @@
 """The sensors by their names, one line each."""
 
+from pathlib import Path
+
 from runtime.errors import SettingError
 from runtime.sensors import hesai, ouster, robosense, velodyne
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.sensor import Sensor
+from runtime.typed_json import build, read_json
 
 SENSORS: dict[str, Sensor] = {
     sensor.name: sensor
@@ -37,6 +40,18 @@ def find_sensor(sensor: str | Sensor) -> Sensor:
     if sensor not in SENSORS:
         raise SettingError(f"unknown sensor {sensor!r}; known are {', '.join(SENSORS)}")
     return SENSORS[sensor]
+
+
+def open_sensor(sensor: str | Path | Sensor) -> Sensor:
+    """A sensor by its name, from a JSON file whose entries are the fields of `Sensor`, or the sensor itself.
+
+    Raises SettingError for an unknown name, and for a file that is no such thing, saying where.
+    """
+    if isinstance(sensor, str | Path) and Path(sensor).suffix.lower() == ".json":
+        return build(Sensor, read_json(Path(sensor), SettingError), str(sensor))
+    if isinstance(sensor, str | Sensor):
+        return find_sensor(sensor)
+    raise SettingError(f"a sensor is a name, a JSON file or a Sensor, not {sensor!r:.60}")
 
 
 def name_of(image: RangeImage) -> str | None:

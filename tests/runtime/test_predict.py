@@ -53,7 +53,7 @@ class RecordingRunner(MosRunner):
         self.seen.append(result.probability)
         return result
 
-    def reset(self):
+    def reset(self, keep_sensor=False):
         super().reset()
         self.seen = []
 

@@ -120,7 +120,7 @@ def test_a_senseless_return_raises_nothing_where_something_may_move():
     scan = frames[-1][0].copy()
     scan[7, :3] = 3e5, 0, 0
     with MosRunner(BUNDLE, threads=1, postprocess="head") as runner:
-        runner._refiner._tuned = Tuned(candidate=0.0)
+        runner._stages.refiner._tuned = Tuned(candidate=0.0)
         result = run(runner, [*frames[:-1], (scan, frames[-1][1])])[-1]
     assert result.probability[7] == 0
     assert not result.moving[7]
@@ -228,10 +228,10 @@ runner = MosRunner({str(BUNDLE)!r}, postprocess="head", threads=1, belief="onlin
 modules = believers, memory, places, decision, history, kernel_map, projection, sparse_kernel, transfer, voxels
 kernels = [k for m in modules for k in vars(m).values() if hasattr(k, "signatures") and k.__module__ == m.__name__]
 before = [len(kernel.signatures) for kernel in kernels]
-runner._refiner.head.config  # there is one
+runner._stages.refiner.head.config  # there is one
 wall = np.stack(np.broadcast_arrays(10.0, np.linspace(-9, 9, 400), 0.1, 0.5), 1).astype(np.float32)
 from runtime.bundle.manifest import Tuned
-runner._refiner._tuned = Tuned(candidate=0.0)
+runner._stages.refiner._tuned = Tuned(candidate=0.0)
 runner(wall, np.eye(4))
 late = [kernel.__name__ for kernel, n in zip(kernels, before) if len(kernel.signatures) != n]
 assert not late, late

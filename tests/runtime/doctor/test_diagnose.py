@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from bench.mounting import turned
+from runtime.bundle.choice import Choice
+from runtime.bundle.manifest import SensorEntry
 from runtime.doctor.diagnose import examine
 from runtime.recordings.calib import read_calib
 from runtime.recordings.formats.registry import read_cloud
@@ -29,9 +31,10 @@ def folder(made, tmp_path):
 
 
 def diagnose(folder, sensor=None, **options):
-    """Findings of the one recording in a folder."""
+    """Findings of the one recording in a folder, for a network that sees these images."""
     (found,) = find_recordings(folder)
-    return examine(found, sensor, Options(**options))
+    choose = None if sensor is None else lambda recording: Choice(SensorEntry("any", sensor), "as given")
+    return examine(found, choose, Options(**options))
 
 
 def levels(folder, topic=None, **options):
@@ -63,7 +66,8 @@ def change_poses(folder, change):
 def test_a_healthy_sequence(folder):
     assert levels(folder) == []
     topics = [finding.topic for finding in diagnose(folder, SENSOR)]
-    assert topics == ["scans", "range", "remission", "ground", "field of view", "rows", "poses", "motion", "alignment"]
+    seen = ["scans", "range", "remission", "ground", "field of view", "rows", "poses", "motion", "alignment"]
+    assert topics == [*seen, "sensor"]
     assert "about 32 beams" in levels(folder, "rows")[0][1]
 
 

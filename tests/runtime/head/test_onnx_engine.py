@@ -123,7 +123,7 @@ def test_scales_of_the_joins():
 @pytest.mark.parametrize("refine", ["near", "all"])
 def test_a_runner_gives_the_same_with_either_engine(refine):
     runners = [MosRunner(BUNDLE, threads=2, refine=refine, head_engine=engine) for engine in ("auto", "numba", "onnx")]
-    assert [type(runner._refiner.head) for runner in runners] == [PointHeadEngine, PointHeadEngine, OnnxHead]
+    assert [type(runner._stages.refiner.head) for runner in runners] == [PointHeadEngine, PointHeadEngine, OnnxHead]
     for frame in drive(10):
         first, *others = (runner(*frame) for runner in runners)
         for other in others:

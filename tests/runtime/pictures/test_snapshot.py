@@ -27,6 +27,7 @@ class CountingRunner:
     """Stands for a runner: a point moves if its number is the number of scans remembered before it."""
 
     history_length = 8
+    sensor = "any"
 
     class bundle:
         class manifest:
@@ -39,7 +40,7 @@ class CountingRunner:
     def __init__(self):
         self.scans = []
 
-    def reset(self):
+    def reset(self, keep_sensor=False):
         self.scans = []
 
     def remember(self, scan):

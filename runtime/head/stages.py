@@ -1,0 +1,56 @@
+"""From a scan to its labels, but for belief: the stages of a runner that are made for one sensor."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from runtime.bundle.choice import Choice
+from runtime.bundle.loading import Bundle
+from runtime.compute.sessions import provider_name
+from runtime.compute.workers import Workers
+from runtime.head.refiners import Refiner, choose_refiner
+from runtime.image.image_net import ImageNet
+from runtime.image.inputs import InputBuilder
+from runtime.recordings.poses import Pose, relative_pose
+from runtime.settings import RunnerSettings
+
+
+@dataclass(frozen=True)
+class Stages:
+    """With memory laid out for its images."""
+
+    choice: Choice
+    inputs: InputBuilder
+    image_net: ImageNet
+    postprocess: str  # what `refiner` does
+    refiner: Refiner
+
+    @classmethod
+    def of(cls, bundle: Bundle, choice: Choice, settings: RunnerSettings, precision: str, workers: Workers) -> "Stages":
+        """Lay out memory for a sensor and compile or load what is needed. Raises what `ImageNet.of` and
+        `choose_refiner` do."""
+        sensor, carrier = choice.entry, (settings.nearest, settings.body)
+        image, residual = sensor.range_image, bundle.manifest.residual
+        inputs = InputBuilder(image, residual, workers, sensor.reach, *carrier, choice.mounting)
+        image_net = ImageNet.of(
+            bundle,
+            precision,
+            image,
+            threads=workers.threads,
+            providers=settings.providers,
+            allow_fallback=settings.allow_fallback,
+            session_options=settings.session_options,
+        )
+        started = [one for one in settings.providers or () if provider_name(one) in image_net.providers]
+        postprocess, refiner = choose_refiner(bundle, sensor.decision, settings, workers, started)
+        return cls(choice, inputs, image_net, postprocess, refiner)
+
+    def serve(self, choice: Choice) -> bool:
+        """Whether they are made for that sensor, mounted so."""
+        same = self.choice.mounting is None if choice.mounting is None else self.choice.mounting is choice.mounting
+        return same and self.choice.entry == choice.entry
+
+    def pose(self, pose: Pose) -> Pose:
+        """T_world_sensor of T_world_scan."""
+        mounting = self.choice.mounting
+        return pose if mounting is None else pose @ relative_pose(mounting, np.eye(4))

@@ -1,0 +1,88 @@
+"""How the frame of a scan lies in that of the sensor that measured it.
+
+Seen from where they start, beams have the same elevation all around. In a frame that is tilted against the sensor's, or
+begins elsewhere, as that of a vehicle may, elevations rise and fall with azimuth and with nearness: which tells how.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from runtime.sensors.beams import Beams, look
+
+WEIGHINGS = 6  # of groups, by how well they fit
+STEPS = 5  # towards the sensor's frame
+TILT = 2.0  # degrees from which it is another frame than the scan's: less costs no accuracy
+ASIDE, ABOVE = 1.0, 0.5  # m, likewise; scans of a car that drives fast show some of the former
+LEFT, LITTLE = 0.5, 0.1  # of these, what may be left at the end, and what needs no further step
+SURE = 0.03  # degrees, median misfit of groups at the end
+
+Pose = NDArray[np.float64]
+
+
+def own_frame(points: NDArray[np.floating], ring: ArrayLike | None, seen: Beams) -> tuple[Beams, Pose | None]:
+    """The beams of a scan in the frame of its sensor, and (4, 4) T_sensor_scan; None where that is the scan's own.
+
+    points: (N, >=3) m. It is found step by step, and given up where the steps lead nowhere.
+    """
+    fit = Fit(seen)
+    if fit.another < 1:
+        return seen, None
+    own, pose, xyz = seen, np.eye(4), points[:, :3].astype(np.float64)
+    for _ in range(STEPS):
+        pose = fit.moves() @ pose
+        with np.errstate(over="ignore", invalid="ignore"):
+            moved = look(xyz @ pose[:3, :3].T + pose[:3, 3], ring)
+        if moved is None:
+            return seen, None
+        own, fit = moved, Fit(moved)
+        if fit.another < LITTLE:
+            break
+    if fit.another < LEFT and fit.misfit < SURE:
+        pose[:2, 3] *= math.hypot(*pose[:2, 3]) >= ASIDE
+        pose[2, 3] *= abs(pose[2, 3]) >= ABOVE
+        return own, pose
+    return seen, None
+
+
+class Fit:
+    """The tilt of the beams of a scan, and where they start."""
+
+    def __init__(self, beams: Beams) -> None:
+        """Least squares over groups, each against the others of its beam; those that fit badly count little."""
+        groups, beam = beams.groups, beams.beam
+        azimuth, elevation = np.radians(groups.azimuth), np.radians(groups.elevation)
+        cos, sin, near = np.cos(azimuth), np.sin(azimuth), np.degrees(groups.nearness)
+        down = -near * np.sin(elevation)
+        causes = np.stack([cos, sin, down * cos, down * sin, near * np.cos(elevation)], 1)  # (G, 5)
+        weight = np.ones(len(beam))
+        for _ in range(WEIGHINGS):
+            total = np.bincount(beam, weight)
+            means = np.stack([np.bincount(beam, weight * cause) / total for cause in causes.T], 1)
+            own, mean = causes - means[beam], np.bincount(beam, weight * groups.elevation) / total
+            rest = groups.elevation - mean[beam]
+            share = np.sqrt(weight)
+            solution = np.linalg.lstsq(own * share[:, None], rest * share, rcond=None)[0]
+            misfit = np.abs(rest - own @ solution)
+            middle = float(np.median(misfit)) + 1e-6
+            weight = 1 / (1 + (misfit / (2 * middle)) ** 2) ** 2
+        self.front, self.left = solution[:2].tolist()  # degrees that beams ahead, and to the left, look up
+        self.start = solution[2:]  # m, of the beams in the scan's frame
+        self.misfit = middle  # degrees
+
+    @property
+    def another(self) -> float:
+        """How different the two frames are, where 1 makes a difference."""
+        x, y, z = self.start.tolist()
+        return float(max(math.hypot(self.front, self.left) / TILT, math.hypot(x, y) / ASIDE, abs(z) / ABOVE))
+
+    def moves(self) -> Pose:
+        """(4, 4) what takes points of the scan into the frame of the sensor."""
+        pitch, roll = math.radians(self.front), -math.radians(self.left)
+        about_y = np.array([[math.cos(pitch), 0, math.sin(pitch)], [0, 1, 0], [-math.sin(pitch), 0, math.cos(pitch)]])
+        about_x = np.array([[1, 0, 0], [0, math.cos(roll), -math.sin(roll)], [0, math.sin(roll), math.cos(roll)]])
+        pose = np.eye(4)
+        pose[:3, :3] = about_x @ about_y
+        pose[:3, 3] = -pose[:3, :3] @ self.start
+        return pose

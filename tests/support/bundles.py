@@ -1,0 +1,31 @@
+"""Bundles that are made from the tiny one."""
+
+import json
+import shutil
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from runtime.bundle.loading import load_bundle
+from runtime.bundle.manifest import MANIFEST, Decision, SensorEntry
+from runtime.sensors.registry import SENSORS
+from tests.support.paths import BUNDLE
+
+
+def for_sensors(folder: Path, *names: str, width: int = 256) -> Path:
+    """The tiny bundle as one for these sensors, each with narrow images and a threshold of its own."""
+    target = Path(shutil.copytree(BUNDLE, folder / "bundle"))
+    values = json.loads((target / MANIFEST).read_text())
+    values["sensors"] = [
+        asdict(
+            SensorEntry(
+                name,
+                replace(SENSORS[name].range_image, width=width),
+                SENSORS[name].reach,
+                Decision(0.3 + 0.01 * i, 0.3 + 0.01 * i),
+            )
+        )
+        for i, name in enumerate(names)
+    ]
+    (target / MANIFEST).write_text(json.dumps(values))
+    assert [one.name for one in load_bundle(target).manifest.sensors] == list(names)
+    return target
