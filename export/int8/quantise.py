@@ -17,6 +17,7 @@ from runtime.errors import QuantisationError
 
 LIMIT = 0.5  # percentage points of IoU of the moving class that may be lost
 MOST_FLOAT = 0.25  # share of the layers that may stay in float
+SEVERAL = 3  # times as many streets where a network is for several sensors
 
 
 @dataclass(frozen=True)
@@ -56,14 +57,15 @@ def quantise(
     Raises QuantisationError where more than the limit is lost, naming the layers that lose most; SequenceError for
     calibration data that cannot be used. Warns (MosWarning) of data that look unlike the sensor.
     """
+    many = SEVERAL if samples.other_sensors else 1
     if settings.calibration is None:
-        images = [scene.image for scene in simulated(samples, CALIBRATION_STREETS, settings.streets)]
-        source = f"{settings.streets} simulated streets from {CALIBRATION_STREETS}"
+        images = [scene.image for scene in simulated(samples, CALIBRATION_STREETS, many * settings.streets)]
+        source = f"{many * settings.streets} simulated streets from {CALIBRATION_STREETS}"
     else:
         images = recorded(settings.calibration, samples)
         source = f"{len(images)} scans of {settings.calibration.resolve().name}"
     prepared = prepare(network, any_size(images[0].shape[1]), images)
-    scenes = simulated(samples, JUDGING_STREETS, settings.judging)
+    scenes = simulated(samples, JUDGING_STREETS, many * settings.judging)
     judge = Judge(float_model, scenes, threshold, settings.threads)
     balance = Balance(float_model, images, settings.threads)
 
@@ -79,7 +81,7 @@ def quantise(
     loss = judge.loss(model)
     record: dict[str, Any] = {
         "calibration": source,
-        "judged_on": f"{settings.judging} simulated streets from {JUDGING_STREETS}, pixels",
+        "judged_on": f"{many * settings.judging} simulated streets from {JUDGING_STREETS}, pixels",
         "added_to_moving_logit": lacking(floats),
         "probability_difference": float(f"{loss.difference:.2g}"),
         "float_layers": list(floats),
