@@ -123,7 +123,7 @@ def _with_int8(folder: Path, source: Source, manifest: Manifest, settings: Setti
         Outputs(source.image_net),
         (folder / IMAGE_NET).read_bytes(),
         SampleConfig.of(source.config),
-        manifest.sensor.decision.threshold,
+        None if manifest.tuned.belief else manifest.sensor.decision.threshold,  # belief adds up; no threshold decides
         source.trained,
         settings,
     )
