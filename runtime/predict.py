@@ -3,11 +3,11 @@
 import hashlib
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -48,6 +48,18 @@ class Summary:
             self.latency.setdefault(stage, []).append(value)
 
 
+class Output(Protocol):
+    """Something that is written of each scan beside its label."""
+
+    def path(self, key: str) -> Path:
+        """The file of a scan."""
+        ...
+
+    def write(self, scan: Scan, result: MosResult) -> None:
+        """Raises OutputError."""
+        ...
+
+
 def predictions_folder(out: str | Path, recording: Recording) -> Path:
     """`out/sequences/NAME/predictions`, SemanticKITTI's layout."""
     return Path(out) / "sequences" / recording.name / "predictions"
@@ -60,6 +72,7 @@ def predict(
     *,
     overwrite: bool = False,
     skip_broken: bool = False,
+    outputs: Sequence[Output] = (),
     on_progress: Callable[[int, int | None], object] = lambda done, total: None,
 ) -> Summary:
     """Write the labels of every scan of `recording` under `out`; 251 moving, 9 everything else.
@@ -70,13 +83,14 @@ def predict(
 
     skip_broken: a scan that cannot be read, or whose pose is broken, gets no label; the scans after it are labelled
     as after a gap, without those before it. Such scans are noted in run.json, and tried again in every run.
+    outputs: what else is written of each scan; where that is missing, the scan is labelled anew.
     `on_progress(done, total)` is called at the start and after every scan; total: None if it is not known.
 
     Raises SettingError where `out` holds predictions of other settings (then `overwrite` deletes them first),
     and the ScanError, PoseError, InferenceError or OutputError of a scan that fails, saying which; what was
     finished stays.
     """
-    run = _Run(recording, runner, predictions_folder(out, recording), overwrite)
+    run = _Run(recording, runner, predictions_folder(out, recording), overwrite, outputs)
     total = len(recording) if isinstance(recording, Indexed) else None
     on_progress(0, total)
     scans = read_ahead(recording.scans())
@@ -112,9 +126,11 @@ class _Read:
 class _Run:
     """A run between two scans."""
 
-    def __init__(self, recording: Recording, runner: MosRunner, folder: Path, overwrite: bool) -> None:
+    def __init__(
+        self, recording: Recording, runner: MosRunner, folder: Path, overwrite: bool, outputs: Sequence[Output]
+    ) -> None:
         """Claim the folder, see `claim`."""
-        self.recording, self.runner, self.folder = recording, runner, folder
+        self.recording, self.runner, self.folder, self.outputs = recording, runner, folder, outputs
         self.note = claim(folder, _identity(recording, runner), recording, overwrite)
         self.journal = Journal(folder.with_name(JOURNAL))
         self.summary = Summary(folder)
@@ -179,7 +195,8 @@ class _Run:
         key = read.scan.key
         path = self.folder / f"{key}.label"
         size = path.stat().st_size if path.is_file() else None
-        if self.journal[key] == Entry(made_of) and size == LABEL_BYTES * len(read.scan.data):
+        whole = size == LABEL_BYTES * len(read.scan.data) and all(one.path(key).is_file() for one in self.outputs)
+        if self.journal[key] == Entry(made_of) and whole:
             self.summary.resumed += 1
         else:
             self.summary.anew += self.journal[key].made_of not in (None, made_of)
@@ -199,6 +216,8 @@ class _Run:
         result = self._result(read)
         ran = time.perf_counter()
         self.journal.take_back(read.scan.key)
+        for one in self.outputs:
+            one.write(read.scan, result)
         write_labels(path, result.moving)
         self.journal.note(read.scan.key, Entry(made_of))
         written = time.perf_counter()

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +35,9 @@ class Around(Indexed):
 
     def labels(self, index: int) -> npt.NDArray[np.uint32] | None:
         return self.within.labels(index)
+
+    def write_kept(self, folder: Path, kept: Iterator[tuple[int, npt.NDArray[np.bool_]]]) -> None:
+        self.within.write_kept(folder, kept)
 
     def other_poses(self) -> dict[str, Poses]:
         return self.within.other_poses()

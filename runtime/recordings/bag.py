@@ -109,6 +109,22 @@ class Bag:
         except Exception as error:  # as above
             raise ScanError(f"the bag is broken: {_text(error)}") from error
 
+    def connections(self) -> list[Any]:
+        """Who sent what on which topic."""
+        return list(self._reader.connections)
+
+    def everything(self) -> Iterator[tuple[Any, int, bytes]]:
+        """All messages in the order of the bag: connection, time in ns, and what was serialised. Raises ScanError."""
+        try:
+            yield from self._reader.messages()
+        except Exception as error:  # as above
+            raise ScanError(f"{self.path}: the bag is broken: {_text(error)}") from error
+
+    def encoded(self, content: Any, kind: str) -> bytes:
+        """A message of a type that ROS itself brings, serialised."""
+        encode = self._types.serialize_ros1 if self.ros1 else self._types.serialize_cdr
+        return bytes(encode(content, kind))
+
     def decoded(self, message: Message, kind: str, where: str) -> Any:
         """The content of a message of a type that ROS itself brings. Raises ScanError, beginning with `where`."""
         try:

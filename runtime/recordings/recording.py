@@ -139,6 +139,14 @@ class Indexed(Recording, Protocol):
         """True labels of the points of scan `index` (N,), SemanticKITTI's numbers; None where there are none."""
         return None
 
+    def write_kept(self, folder: Path, kept: Iterator[tuple[int, npt.NDArray[np.bool_]]]) -> None:
+        """Write the recording into a new folder, in its own format, without some of its points, and all else as it is.
+
+        kept: the numbers of scans, in order, and which of their points (N,) stay; scans that are not there are broken.
+        Raises SettingError where the format cannot be written, and OutputError.
+        """
+        raise SettingError(f"{self.source}: its format cannot be written; choose another (`format='ply'`)")
+
     def other_poses(self) -> dict[str, Poses]:
         """What the poses would be (T, 4, 4) if meant otherwise: "inverse", or of "camera" or "lidar" instead."""
         return {} if self.poses is None else {"inverse": np.linalg.inv(self.poses).astype(np.float64)}

@@ -6,9 +6,11 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from runtime.errors import PoseError, ScanError
 from runtime.recordings.bag import Bag, Message, is_bag
+from runtime.recordings.bag_copy import copy_bag
 from runtime.recordings.cloud import Cloud
 from runtime.recordings.point_times import PointTimes
 from runtime.recordings.pointcloud2 import to_cloud
@@ -65,6 +67,9 @@ class RosRecording(Indexed):
 
     def count(self, index: int) -> int:
         return self._stamps.counts[index]
+
+    def write_kept(self, folder: Path, kept: Iterator[tuple[int, npt.NDArray[np.bool_]]]) -> None:
+        copy_bag(self._bag, self._topic, folder, kept)
 
     def other_poses(self) -> dict[str, Poses]:
         return {} if self._poses is None else self._poses.others()

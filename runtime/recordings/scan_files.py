@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.errors import MosError, PoseError, SequenceError
+from runtime.files import write_whole
 from runtime.recordings.cloud import Cloud
-from runtime.recordings.formats.registry import SUFFIXES, count_points, find_columns, read_cloud
+from runtime.recordings.formats.registry import SUFFIXES, count_points, find_columns, kept_points, read_cloud
 from runtime.recordings.labels import read_truth
 from runtime.recordings.point_times import PointTimes
 from runtime.recordings.pose_files import ScanPoses, Times, read_file_poses, read_times
@@ -63,6 +64,11 @@ class ScanFiles(Indexed):
     def labels(self, index: int) -> npt.NDArray[np.uint32] | None:
         path = self.folder / "labels" / f"{self.keys[index]}.label"
         return read_truth(path, self.count(index)) if path.is_file() else None
+
+    def write_kept(self, folder: Path, kept: Iterator[tuple[int, npt.NDArray[np.bool_]]]) -> None:
+        for index, keep in kept:
+            path = folder / self.files[index].relative_to(self.folder)
+            write_whole(path, kept_points(self.files[index], keep, self.columns), sync=False)
 
     def other_poses(self) -> dict[str, Poses]:
         return {} if self.file_poses is None else self.file_poses.others()

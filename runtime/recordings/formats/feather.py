@@ -1,5 +1,6 @@
 """Feather, Apache Arrow's file of named columns, as Argoverse 2 keeps its sweeps (extra `argoverse`)."""
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,16 @@ def read(path: Path) -> Cloud:
 def count(path: Path) -> int:
     """Raises ScanError, MissingPackageError."""
     return int(_table(path, memory_map=True).num_rows)
+
+
+def kept(path: Path, keep: npt.NDArray[np.bool_]) -> bytes:
+    """With all its columns. Raises ScanError, MissingPackageError."""
+    table = _table(path)
+    from pyarrow import feather
+
+    file = io.BytesIO()
+    feather.write_feather(table.filter(keep), file)
+    return file.getvalue()
 
 
 def read_columns(path: Path) -> dict[str, npt.NDArray[np.generic]]:

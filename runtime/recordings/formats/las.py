@@ -1,9 +1,11 @@
 """LAS and LAZ, the formats of surveyors (extra `points`)."""
 
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from runtime.compute.packages import LASPY, LAZRS, need_package
 from runtime.errors import ScanError
@@ -19,13 +21,7 @@ def holds(head: bytes) -> bool:
 
 def read(path: Path) -> Cloud:
     """Raises ScanError, MissingPackageError."""
-    with _open(path) as file:
-        try:
-            las = file.read()
-        except Exception as error:  # of laspy or of what unpacks LAZ: there is no common base
-            raise ScanError(f"{path}: cannot be read as LAS: {error}") from error
-        if len(las.points) != file.header.point_count:
-            raise ScanError(f"{path}: is cut off: it holds {len(las.points)} of its {file.header.point_count} points")
+    las = _read(path)
     columns = {name: np.asarray(las[name]) for name in ("x", "y", "z")}
     if np.any(las.intensity):  # the field is always there, and 0 where there is none
         columns["intensity"] = np.asarray(las.intensity)
@@ -39,6 +35,26 @@ def count(path: Path) -> int:
     """By the header. Raises ScanError, MissingPackageError."""
     with _open(path) as file:
         return int(file.header.point_count)
+
+
+def kept(path: Path, keep: npt.NDArray[np.bool_]) -> bytes:
+    """With all its dimensions and records. Raises ScanError, MissingPackageError."""
+    las = _read(path)
+    las.points = las.points[keep]
+    file = io.BytesIO()
+    las.write(file, do_compress=path.suffix.lower() == ".laz")
+    return file.getvalue()
+
+
+def _read(path: Path) -> Any:
+    with _open(path) as file:
+        try:
+            las = file.read()
+        except Exception as error:  # of laspy or of what unpacks LAZ: there is no common base
+            raise ScanError(f"{path}: cannot be read as LAS: {error}") from error
+        if len(las.points) != file.header.point_count:
+            raise ScanError(f"{path}: is cut off: it holds {len(las.points)} of its {file.header.point_count} points")
+        return las
 
 
 def _open(path: Path) -> Any:

@@ -1,5 +1,6 @@
 """A NumPy array (N, 4) x y z remission, or (N, 3)."""
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,13 @@ def count(path: Path) -> int:
     array = _open(path, mapped=True)
     check_scan(array[:0], str(path))
     return len(array)
+
+
+def kept(path: Path, keep: npt.NDArray[np.bool_]) -> bytes:
+    """In the dtype of the file. Raises ScanError."""
+    file = io.BytesIO()
+    np.save(file, _open(path)[keep])
+    return file.getvalue()
 
 
 def _open(path: Path, mapped: bool = False) -> npt.NDArray[np.generic]:

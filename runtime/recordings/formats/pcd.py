@@ -8,6 +8,7 @@ from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from runtime.compute.packages import LZF, need_package
 from runtime.errors import ScanError
@@ -48,6 +49,23 @@ def read(path: Path) -> Cloud:
     return cloud_of(columns, str(path))
 
 
+def kept(path: Path, keep: npt.NDArray[np.bool_]) -> bytes:
+    """In its own encoding, with all fields; an organised cloud becomes a row. Raises ScanError, MissingPackageError."""
+    content = read_bytes(path)
+    header = Header.of(content[:MAX_HEADER], path)
+    body, count = content[header.size :], int(keep.sum())
+    if header.encoding == "ascii":
+        lines = np.array([line for line in body.splitlines(keepends=True) if line.strip()][: header.points], object)
+        body = b"".join(lines[keep])
+    elif header.encoding == "binary":
+        body = np.frombuffer(body, f"V{header.stride}", header.points)[keep].tobytes()
+    else:
+        body = _compress(_of_kept_fields(_decompress(body, path), header, keep)) if header.points else body
+    new = {b"WIDTH": count, b"HEIGHT": 1, b"POINTS": count}
+    head = [_with_number(line, new) for line in content[: header.size].splitlines(keepends=True)]
+    return b"".join(head) + body
+
+
 def count(path: Path) -> int:
     """By the header. Raises ScanError."""
     try:
@@ -77,6 +95,7 @@ class Header:
     stride: int  # bytes a point
     width: int  # numbers a point
     size: int  # bytes of the header itself
+    sizes: tuple[int, ...]  # bytes of each field, of all its numbers
 
     def record(self) -> np.dtype[np.void]:
         """The dtype of one point, with the gaps between its fields."""
@@ -118,7 +137,8 @@ class Header:
         stride = sum(dtype.itemsize * times for _, dtype, times in parts)
         if any(one.offset + one.dtype.itemsize > stride for one in fields.values()):
             raise ScanError(f"{path}: its header is no PCD header: COUNT {counts} leaves no room for its fields")
-        return cls(tuple(fields.values()), points, encoding, stride, columns[-1], size)
+        widths = tuple(dtype.itemsize * times for _, dtype, times in parts)
+        return cls(tuple(fields.values()), points, encoding, stride, columns[-1], size, widths)
 
 
 def _offsets(parts: list[tuple[str, np.dtype[np.generic], int]]) -> list[int]:
@@ -140,6 +160,33 @@ def _offsets(parts: list[tuple[str, np.dtype[np.generic], int]]) -> list[int]:
 def _check_count(found: int, header: Header, path: Path) -> None:
     if found < header.points:
         raise ScanError(f"{path}: is cut off: it holds {found} of its {header.points} points")
+
+
+def _with_number(line: bytes, new: dict[bytes, int]) -> bytes:
+    """A line of a header with another number, if there is one for its key."""
+    key, *_ = line.split() or [b""]
+    if key.upper() not in new:
+        return line
+    end = line[len(line.rstrip()) :]
+    return b"%s %d%s" % (key, new[key.upper()], end)
+
+
+def _of_kept_fields(body: bytes, header: Header, keep: npt.NDArray[np.bool_]) -> bytes:
+    """Field after field, of some points."""
+    parts, at = [], 0
+    for size in header.sizes:
+        column = np.frombuffer(body, f"V{size}", header.points, at) if size else np.empty(0, "V1")
+        parts.append(column[keep].tobytes() if size else b"")
+        at += size * header.points
+    return b"".join(parts)
+
+
+def _compress(body: bytes) -> bytes:
+    """With the two sizes before it. Not every short body becomes shorter."""
+    import lzf
+
+    packed = lzf.compress(body, 2 * len(body) + 16) if body else b""
+    return np.array([len(packed), len(body)], "<u4").tobytes() + packed
 
 
 def _decompress(body: bytes, path: Path) -> bytes:

@@ -1,5 +1,6 @@
 """PLY, the polygon file format: ASCII, binary of both byte orders; of its elements the vertices."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,6 +64,25 @@ def read(path: Path) -> Cloud:
         if element.name == "vertex":
             return cloud_of(columns, str(path))
     return cloud_of({}, str(path))
+
+
+def kept(path: Path, keep: npt.NDArray[np.bool_]) -> bytes:
+    """In its own encoding, with all its properties. Raises ScanError, also where other elements have rows, as faces."""
+    content = read_bytes(path)
+    encoding, elements, at = _header(content[:MAX_HEADER], path)
+    vertices = _vertices(elements, path)
+    if others := [one.name for one in elements if one.rows and one is not vertices]:
+        raise ScanError(f"{path}: has {', '.join(others)} beside its points, which cannot be left out one by one")
+    if encoding == "ascii":
+        lines = np.array([line for line in content[at:].splitlines(keepends=True) if line.strip()], object)
+        body = b"".join(lines[: vertices.rows][keep])
+    elif vertices.lists:
+        raise ScanError(f"{path}: its points hold lists, and cannot be left out one by one")
+    else:
+        size = sum(one.dtype.itemsize for one in vertices.properties)
+        body = np.frombuffer(content, f"V{size}", vertices.rows, at)[keep].tobytes()
+    head = re.sub(rb"(?m)^(element\s+vertex\s+)\d+", b"\\g<1>%d" % keep.sum(), content[:at])
+    return head + body
 
 
 def count(path: Path) -> int:

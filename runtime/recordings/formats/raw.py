@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from runtime.errors import ScanError
 from runtime.recordings.cloud import Cloud, whole_numbers
+from runtime.recordings.formats.whole_file import read_bytes
 
 SUFFIXES: tuple[str, ...] = (".bin",)
 COLUMNS = 4  # numbers a point, where nothing else is known
@@ -39,6 +40,11 @@ def count(path: Path, columns: int = COLUMNS) -> int:
             f"another format (`columns`)"
         )
     return size // (4 * columns)
+
+
+def kept(path: Path, keep: npt.NDArray[np.bool_], columns: int = COLUMNS) -> bytes:
+    """All numbers of some points (N,). Raises ScanError."""
+    return bytes(np.frombuffer(read_bytes(path), "<f4").reshape(-1, columns)[keep].tobytes())
 
 
 def find_columns(path: Path) -> int:

@@ -3,6 +3,9 @@
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+import numpy.typing as npt
+
 from runtime.errors import ScanError
 from runtime.recordings.cloud import Cloud
 from runtime.recordings.formats import feather, las, npy, pcd, ply, raw
@@ -27,6 +30,10 @@ class Format(Protocol):
         """Number of points, of which no more is read than needed. Raises as `read`."""
         ...
 
+    def kept(self, path: Path, keep: npt.NDArray[np.bool_]) -> bytes:
+        """The same file with only some of its points (N,), all else about them as it is. Raises as `read`."""
+        ...
+
 
 FORMATS: tuple[Format, ...] = (npy, pcd, ply, las, feather)
 SUFFIXES = (*raw.SUFFIXES, *(suffix for one in FORMATS for suffix in one.SUFFIXES))  # upper case too
@@ -45,6 +52,12 @@ def count_points(path: Path, columns: int = raw.COLUMNS) -> int:
     """Number of points in a file. Raises ScanError or MissingPackageError."""
     one = _format_of(path)
     return raw.count(path, columns) if one is None else one.count(path)
+
+
+def kept_points(path: Path, keep: npt.NDArray[np.bool_], columns: int = raw.COLUMNS) -> bytes:
+    """The same file with only some of its points (N,). Raises ScanError or MissingPackageError."""
+    one = _format_of(path)
+    return raw.kept(path, keep, columns) if one is None else one.kept(path, keep)
 
 
 def _format_of(path: Path) -> Format | None:

@@ -132,7 +132,7 @@ def test_an_interrupt_inside_of_numba(folder, tmp_path, capsys, monkeypatch, cau
     def interrupted(*arguments):
         raise SystemError("returned a result with an exception set") from cause
 
-    monkeypatch.setattr("runtime.commands.run.predict_with_progress", interrupted)
+    monkeypatch.setattr("runtime.commands.labelling.predict_with_progress", interrupted)
     arguments = ["run", str(folder), "--out", str(tmp_path), "--bundle", str(BUNDLE)]
     if isinstance(cause, KeyboardInterrupt):
         assert main(arguments) == 130

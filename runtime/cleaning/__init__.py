@@ -1,0 +1,1 @@
+"""Recordings without what moves in them, and the map that is left."""
