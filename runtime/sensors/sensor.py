@@ -56,7 +56,7 @@ class Sensor:
         gaps = [a - b for a, b in pairwise(self.elevations)]
         spare = -self.beams % 16  # rows without a beam, below the last
         up, down = self.elevations[0] + gaps[0] / 2, self.elevations[-1] - gaps[-1] / 2
-        if max(gaps) - min(gaps) < EVEN * max(gaps):
+        if max(gaps) - min(gaps) < EVEN * max(gaps) and down - gaps[-1] * spare >= -90 and up <= 90:
             return RangeImage(self.beams + spare, width, up, down - gaps[-1] * spare)
         return RangeImage(self.beams + spare, width, min(up, 90), max(down, -90), elevations=self.elevations)
 
