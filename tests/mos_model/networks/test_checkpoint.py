@@ -1,5 +1,6 @@
 import os
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ from mos_model.networks.config import ModelConfig
 from mos_model.networks.registry import named_config
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.errors import CheckpointError, OutputError
+from runtime.sensors.registry import SENSORS
 from tests.support.disk import full_disk
+from tests.support.paths import ROOT
 
 HEAD = PointHeadConfig(in_channels=2, down=(4,), up=(4,), fuse_after_up=None, dropout=0)
 CONFIG = named_config("lmnet", channels=2, point_head=HEAD)
@@ -216,3 +219,10 @@ def test_load_state_under_other_names() -> None:
     assert module.weight.item() == 1
     with pytest.raises(CheckpointError, match="shift is missing; offset is not part"):
         checkpoint.load_state(module, {"kernel": state["kernel"], "offset": torch.ones(1)}, "x", names)
+
+
+def test_the_checkpoint_that_ships_is_for_all_sensors() -> None:
+    shipped = checkpoint.load(ROOT / "models" / "rt" / "checkpoint.pt").config
+    others = tuple(name for name in SENSORS if name != shipped.sensor)
+    residual = replace(shipped.residual, min_range=1.0, max_range=100.0)
+    assert shipped == replace(named_config("rt-head", 16), name="rt", other_sensors=others, residual=residual)

@@ -20,7 +20,7 @@ from runtime.evaluation.confusion import Confusion
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.registry import SENSORS
 from tests.support.make_tiny import random_network, tiny_config
-from tests.support.paths import ROOT, TINY
+from tests.support.paths import TINY
 from tests.support.training import IMAGE, Patches
 
 HEADS = [
@@ -78,11 +78,9 @@ def test_every_network(name: str, head: PointHeadConfig | None, tmp_path: Path) 
     assert same(found.point_head, point_head)
 
 
-def test_committed_checkpoints() -> None:
-    """Both were written in format 1; the weights of the tiny one are compared in `tests/export/test_convert.py`."""
+def test_committed_checkpoint() -> None:
+    """It was written in format 1; its weights are compared in `tests/export/test_convert.py`."""
     assert checkpoint.load(TINY / "checkpoint.pt").config == tiny_config()
-    shipped = checkpoint.load(ROOT / "models" / "rt" / "checkpoint.pt").config
-    assert shipped == replace(named_config("rt-head", 16), name="rt")
 
 
 @pytest.mark.parametrize("stage", [1, 2])
