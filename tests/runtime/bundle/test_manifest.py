@@ -1,6 +1,5 @@
 """Bundles: the tiny one loads, and everything that can be wrong with one is said."""
 
-import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -11,9 +10,11 @@ import pytest
 from runtime import MosRunner
 from runtime.bundle import loading as module
 from runtime.bundle.loading import default_bundle_path, load_bundle
-from runtime.bundle.manifest import parse_manifest
+from runtime.bundle.manifest import Decision, SensorEntry, Tuned, parse_manifest
+from runtime.bundle.residual import Residual
 from runtime.errors import BundleError
 from runtime.head.weights import checked
+from runtime.sensors.range_image import RangeImage
 from runtime.sensors.sensor import UNKNOWN_REACH
 from tests.support.paths import BUNDLE, DATA
 
@@ -170,12 +171,15 @@ def test_every_contradiction_of_a_manifest_is_an_error(folder, change, message):
 
 def test_a_manifest_of_format_1_loads():
     """The shipped one before format 2: its reach is unknown, what was in code are the defaults."""
-    old = parse_manifest(json.loads((DATA / "manifest_format_1.json").read_text()), "old")
-    new = load_bundle().manifest
-    assert old.sensor.reach == UNKNOWN_REACH
-    entry = dataclasses.replace(old.sensor, reach=new.sensor.reach)
-    assert (old.format, old.network, entry) == (2, "rt", new.sensor)
-    assert (old.tuned, old.files, old.residual, old.point_head) == (new.tuned, new.files, new.residual, new.point_head)
+    values = json.loads((DATA / "manifest_format_1.json").read_text())
+    old = parse_manifest(values, "old")
+    assert (old.format, old.network, old.tuned) == (2, "rt", Tuned())
+    assert old.sensor == SensorEntry("hdl64e", RangeImage(), UNKNOWN_REACH, Decision(0.635, 0.58))
+    assert old.residual == Residual(kind="signed")
+    assert old.point_head == load_bundle().manifest.point_head
+    assert {name: entry.sha256 for name, entry in old.files.items()} == {
+        name: entry["sha256"] for name, entry in values["files"].items()
+    }
 
 
 def test_broken_weights_of_the_point_head_are_an_error(folder):
