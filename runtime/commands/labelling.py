@@ -12,7 +12,6 @@ from rich.table import Table
 
 from runtime.commands.handler import is_interrupt
 from runtime.commands.output import Terminal, say, show_line
-from runtime.commands.progress import counted
 from runtime.commands.recordings import with_found_poses
 from runtime.errors import MosWarning, some
 
@@ -75,6 +74,7 @@ def write_left(recording: "Indexed", labels: Path, wanted: Wanted) -> None:
     """The static map, and the recording without what moves, beside the folder of its labels."""
     from runtime.cleaning.cleaning import CLEAN, SAME, write_clean, write_maps
     from runtime.cleaning.votes import RecordingVotes
+    from runtime.commands.progress import counted
     from runtime.compute.packages import PILLOW, has_package
     from runtime.doctor.findings import percent
 
@@ -120,6 +120,7 @@ def predict_with_progress(
     outputs: "Sequence[Output]",
 ) -> "Summary":
     """`predict` with a bar: scans done, scans per second, time left."""
+    from runtime.commands.progress import counted
     from runtime.predict import predict
 
     with counted(f"sequence {recording.name}") as progress:
