@@ -88,9 +88,6 @@ def view(
     from runtime.pictures.drawing import choose_scans, draw
     from runtime.recordings.registry import open_recording
 
-    check_output(out)
-    if show:
-        check_display(out)
     options = recording_options(
         odometry,
         no_deskew,
@@ -105,6 +102,9 @@ def view(
     )
     with wrong_usage():
         opened = open_recording(path, options, name)
+    check_output(out)
+    if show:
+        check_display(out)
     shown = choose_scans(opened, suffix, scan, count)
     opened = with_found_poses(opened, options, chosen=range(max(0, shown.start - LEAD), shown.stop))
     with counted("scans") as progress:
