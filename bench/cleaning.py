@@ -15,6 +15,7 @@ import numpy as np
 import typer
 
 from bench.report import save, show
+from bench.scans import entered
 from runtime import MosRunner
 from runtime.classes import MOVING, STATIC, to_classes
 from runtime.cleaning.votes import VOXEL, RecordingVotes
@@ -36,7 +37,7 @@ def dufomap(recording: Indexed, threads: int) -> Iterator[np.ndarray]:
 
     tool = make(VOXEL, 0.2, 2, num_threads=threads)
     scans = [(scan.points, scan.known_pose()) for scan in recording]
-    usable = [np.isfinite(points).all(1) & points.any(1) for points, _ in scans]
+    usable = [entered(points).takes_part for points, _ in scans]
     for (points, pose), use in zip(scans, usable, strict=True):
         tool.run(points[use], pose)
     for (points, pose), use in zip(scans, usable, strict=True):

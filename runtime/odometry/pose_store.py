@@ -29,6 +29,13 @@ class Note:
     lost: dict[str, str] = field(default_factory=dict)  # see `Scan.lost`, by the scan's key
 
 
+def check_place(folder: Path) -> None:
+    """Raises OutputError where files would be replaced that are not those of `write_poses`, as a recording's own."""
+    there = [name for name in (KITTI, TUM, CALIB) if (folder / name).exists()]
+    if there and not (folder / NOTE).is_file():
+        raise OutputError(f"{folder}: holds {' and '.join(there)} that no odometry wrote; choose another place (`out`)")
+
+
 def write_poses(folder: Path, found: FoundPoses, recording: Indexed) -> None:
     """T_world_lidar as KITTI has poses, and as TUM has them, to all their digits. Raises OutputError.
 
@@ -40,13 +47,13 @@ def write_poses(folder: Path, found: FoundPoses, recording: Indexed) -> None:
     known = np.isfinite(found.poses).all((1, 2))
     turns = Rotation.from_matrix(found.poses[known, :3, :3]).as_quat()
     rows = np.column_stack([times[known], found.poses[known, :3, 3], turns])
-    (folder / NOTE).unlink(missing_ok=True)  # it must not speak of other poses
+    check_place(folder)
+    _write_note(folder, Note(found.odometry, found.scans, ""))  # it must not speak of other poses
     write_whole(folder / KITTI, kitti)
     write_whole(folder / TUM, "".join(map(_line, rows)).encode())
     write_whole(folder / CALIB, IDENTITY.encode())
     lost = {recording.keys[index]: why for index, why in found.lost.items()}
-    note = Note(found.odometry, found.scans, _digest(kitti), lost)
-    write_whole(folder / NOTE, (json.dumps(asdict(note), indent=2) + "\n").encode())
+    _write_note(folder, Note(found.odometry, found.scans, _digest(kitti), lost))
 
 
 def read_poses(
@@ -69,6 +76,10 @@ def read_poses(
     numbers = {key: index for index, key in enumerate(recording.keys)}
     lost = {numbers[key]: why for key, why in note.lost.items()}
     return FoundPoses(odometry, poses, lost, note.scans) if digest.text() == note.scans else None
+
+
+def _write_note(folder: Path, note: Note) -> None:
+    write_whole(folder / NOTE, (json.dumps(asdict(note), indent=2) + "\n").encode())
 
 
 def _line(numbers: np.ndarray) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 from runtime.errors import MosWarning, some
 from runtime.odometry.located import Located, Progress, find_poses
 from runtime.odometry.odometry import KISS, Odometry, choose_odometry, name_of
-from runtime.odometry.pose_store import read_poses, write_poses
+from runtime.odometry.pose_store import check_place, read_poses, write_poses
 from runtime.recordings.deskewed import deskewing
 from runtime.recordings.recording import Indexed
 
@@ -33,6 +33,8 @@ def with_poses(
     """
     if recording.poses is not None:
         return recording
+    if folder and chosen is None:
+        check_place(folder)
     finder = choose_odometry(odometry)
     name = name_of(finder)
     found = read_poses(folder, recording, name, deskew, on_progress) if folder and chosen is None else None

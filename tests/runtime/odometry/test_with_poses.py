@@ -5,7 +5,7 @@ import logging
 import numpy as np
 import pytest
 
-from runtime.errors import LostError, MissingPackageError, MosWarning, PoseError, ScanError, SettingError
+from runtime.errors import LostError, MissingPackageError, MosWarning, OutputError, PoseError, ScanError, SettingError
 from runtime.odometry import odometry as odometries
 from runtime.odometry.with_poses import with_poses
 from runtime.recordings.deskewed import Deskewed
@@ -83,6 +83,15 @@ def test_poses_of_something_else_are_found_anew(tmp_path, change):
         line.name = "another"
     with_poses(recording, line, folder=tmp_path)
     assert line.asked == COUNT
+
+
+def test_the_poses_of_a_recording_itself_are_never_replaced(tmp_path):
+    (tmp_path / "poses.txt").write_text("mine")
+    line = Line()
+    with pytest.raises(OutputError, match=r"holds poses\.txt that no odometry wrote; choose another place \(`out`\)"):
+        with_poses(Scans(), line, folder=tmp_path)
+    assert line.asked == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["poses.txt"]
 
 
 def test_where_an_odometry_is_lost_the_next_scan_begins_anew(tmp_path):
