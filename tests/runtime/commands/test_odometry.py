@@ -36,7 +36,7 @@ def test_poses_are_found_by_kiss_icp_and_a_run_goes_on_with_them(without, tmp_pa
     part = tmp_path / "part" / "sequences" / "07"
     for name in ("000004", "000005"):
         (part / "predictions" / f"{name}.label").unlink()
-    for lost in ((), ("odometry.json", "poses.txt")):
+    for lost in ((), ("odometry.json", "poses.txt", "poses.tum", "calib.txt")):
         for name in lost:
             (part / name).unlink()
         assert main([*arguments, str(tmp_path / "part")]) == 0
