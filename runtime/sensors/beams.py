@@ -17,13 +17,16 @@ NEAREST = 1.0  # m, of points that are looked at
 FARTHEST = 1e4
 WIDTHS = 0.5, 1.0  # degrees, of a column; the wide ones where the narrow ones miss beams
 FIRED = 1.3  # points that a beam leaves in a column, at least: fewer, and columns miss beams
-ENOUGH = 60_000  # points that are looked at, in some of the columns
+ENOUGH = 40_000  # points that are looked at, in some of the columns
 SPLIT = 0.05  # degrees between groups, before it is known how far beams are apart
 APART = 0.45  # of that distance: what lies nearer is one beam
 REGULAR = 0.7, 1.4  # times the usual distance: of beams that are neighbours
 FULL = 0.9  # quantile of the groups in a column that is the number of beams: many columns miss those that see the sky
 USUAL = (16, 32, 40, 64, 80, 128)  # beams
 LEAST, MOST = 4, 256  # beams that a sensor may have
+FEW = 5  # groups of a beam, at least
+GATHER = 0.15  # of the distance between beams: groups of one beam lie as near to each other, if beams are level
+SHARP = 0.9  # share of the groups that then do, at least
 SEVERAL = 5  # columns with as many groups as beams
 
 
@@ -41,7 +44,8 @@ class Groups:
 class Beams:
     """What a scan shows of its sensor; degrees."""
 
-    angles: Values  # (B,) elevations of the beams, from the top down
+    angles: Values  # (B,) elevations of the beams, from the top down: of columns that have them all
+    level: Values | None  # (B',) the same by where groups gather all around, which beams that hardly return do too
     firings: float  # in a full turn
     regular: float  # share of the groups whose neighbour is as far as beams are
     turn: float  # of azimuth with points
@@ -80,7 +84,8 @@ def look(points: NDArray[np.floating], ring: ArrayLike | None = None) -> Beams |
     angles, kept, beam = _angles(groups)
     if len(angles) < LEAST or angles[0] - angles[-1] < 1:
         return None
-    return Beams(angles, measured.firings(starts), _regular(groups, distance_of), turn, kept, beam)
+    regular, level = _regular(groups, distance_of), _level(groups, distance_of)
+    return Beams(angles, level, measured.firings(starts), regular, turn, kept, beam)
 
 
 def _by_ring(
@@ -104,7 +109,7 @@ def _by_ring(
     spread = np.maximum.reduceat(measured.elevation, starts) - np.minimum.reduceat(measured.elevation, starts)
     if np.quantile(spread, 0.8) > APART * np.median(-np.diff(angles)):
         return None
-    return Beams(angles, measured.firings(starts), 1.0, turn, groups, beam)
+    return Beams(angles, None, measured.firings(starts), 1.0, turn, groups, beam)
 
 
 @dataclass(frozen=True)
@@ -204,6 +209,26 @@ def _angles(groups: Groups) -> tuple[Values, Groups, NDArray[np.int64]]:
     kept = Groups(groups.column[full], groups.azimuth[full], groups.elevation[full], groups.nearness[full])
     beam = np.tile(np.arange(number), len(kept.column) // int(number))
     return np.median(kept.elevation.reshape(-1, number), axis=0), kept, beam
+
+
+def _level(groups: Groups, distance_of: Callable[[Values], Values]) -> Values | None:
+    """Elevations at which groups gather all around, from the top down; None where they do not, as in a tilted frame."""
+    rising = np.sort(groups.elevation)
+    apart = distance_of(rising)
+    near = np.searchsorted(rising, rising + GATHER * apart) - np.searchsorted(rising, rising - GATHER * apart)
+    peaks: list[int] = []
+    while near[at := int(near.argmax())] >= FEW:
+        peaks.append(at)
+        low, high = np.searchsorted(rising, (rising[at] - 0.6 * apart[at], rising[at] + 0.6 * apart[at]))
+        near[low:high] = 0
+    if len(peaks) < LEAST:
+        return None
+    centres = np.sort(rising[peaks])
+    edges = np.searchsorted(rising, (centres[1:] + centres[:-1]) / 2)
+    middles = np.array([np.median(part) for part in np.split(rising, edges)])
+    beam = np.repeat(np.arange(len(middles)), np.diff([0, *edges, len(rising)]))
+    gathered = np.mean(np.abs(rising - middles[beam]) < GATHER * apart)
+    return middles[::-1] if gathered > SHARP else None
 
 
 def usual(beams: int) -> int:

@@ -13,9 +13,12 @@ from runtime.sensors.sensor import Sensor, even
 
 FITS = 0.1  # misfit of a sensor that may be the one, at most
 UNSEEN = 0.25  # share of its beams without a return, at most
+FITS_WELL, UNSEEN_LEVEL = 0.03, 0.7  # the same where it fits well, and the lowest beams are there: others see but sky
+SKY = 3.0  # degrees from the lowest beam of a sensor to the lowest that is seen, at most, if so
 REGULAR = 0.45  # share of neighbours that are as far apart as beams are, at least: else none are to be told
 TURN = 300.0  # degrees of azimuth with points, at least, where a sensor turns
 SPEEDS = 0.5, 1.0, 2.0  # times the nominal
+NONE = (math.inf, "")
 NEARLY = 0.2  # logarithm of the firings over those of a sensor at such a speed, at most
 
 
@@ -38,18 +41,22 @@ def find_from_scan(scan: ArrayLike, ring: ArrayLike | None = None) -> Found | No
     seen = look(points, ring)
     if seen is None:
         return None
-    seen, mounting = own_frame(points, ring, seen)
-    low, high = float(seen.angles[-1]), float(seen.angles[0])
-    text = f"about {len(seen.angles)} beams, {low:.0f} to {high:.0f} degrees: "
-    nearest = min(SENSORS, key=lambda name: _unlike(seen, SENSORS[name]))
+    angles, known = _best(seen)
+    doubtful = known == NONE and seen.regular >= REGULAR
+    seen, mounting = own_frame(points, ring, seen, doubtful)
+    if mounting is not None:
+        angles, known = _best(seen)
+    low, high = float(angles[-1]), float(angles[0])
+    text = f"about {len(angles)} beams, {low:.0f} to {high:.0f} degrees: "
+    nearest = min(SENSORS, key=lambda name: _unlike(angles, SENSORS[name]))
     if seen.regular < REGULAR:
-        sensor = Sensor("found", even(high, low, max(16, min(64, len(seen.angles)))), round(seen.firings) or 1800)
+        sensor = Sensor("found", even(high, low, max(16, min(64, len(angles)))), round(seen.firings) or 1800)
         text += "hardly to be told apart, as in clouds that are merged, thinned out or moved; in rows at equal angles"
-    elif known := _known(seen):
-        sensor, nearest = _at_speed(known, seen.firings), known.name
-        text += f"as {nearest}" + ("" if sensor.rate == known.rate else f" at {sensor.rate:g} Hz")
+    elif known < NONE:
+        sensor, nearest = _at_speed(SENSORS[known[1]], seen.firings), known[1]
+        text += f"as {nearest}" + ("" if sensor.rate == SENSORS[nearest].rate else f" at {sensor.rate:g} Hz")
     else:
-        sensor = Sensor("found", _falling(seen.angles), round(seen.firings) or 1800)
+        sensor = Sensor("found", _falling(angles), round(seen.firings) or 1800)
         text += f"none that is known, much like {nearest}; in rows for the beams that are there"
     if mounting is not None:
         mounting[2, 3] += np.mean(sensor.lifts) * (mounting[2, 3] != 0)  # to where its own frame begins
@@ -59,15 +66,24 @@ def find_from_scan(scan: ArrayLike, ring: ArrayLike | None = None) -> Found | No
     return Found(sensor, nearest, text, mounting)
 
 
-def _known(seen: Beams) -> Sensor | None:
-    """The sensor whose beams these are."""
-    costs = {}
+def _best(seen: Beams) -> tuple[NDArray[np.float64], tuple[float, str]]:
+    """Those angles of the beams that are more like those of a known sensor, and which."""
+    known = _known(seen.angles, seen.firings)
+    if seen.level is not None and (better := _known(seen.level, seen.firings, UNSEEN_LEVEL)) < known:
+        return seen.level, better
+    return seen.angles, known
+
+
+def _known(angles: NDArray[np.float64], firings: float, unseen_well: float = UNSEEN) -> tuple[float, str]:
+    """The name of the sensor whose beams these are, after what speaks against it; NONE if it is none."""
+    costs = [NONE]
     for sensor in SENSORS.values():
-        misfit, unseen = _misfit(seen.angles, np.array(sensor.elevations))
-        if misfit < FITS and unseen < UNSEEN:
-            speed = abs(math.log(seen.firings / sensor.azimuth_steps)) if seen.firings else 0.0
-            costs[sensor.name] = round(misfit + 0.5 * unseen + 0.02 * speed, 2)
-    return SENSORS[min(costs, key=lambda name: costs[name])] if costs else None
+        misfit, unseen = _misfit(angles, np.array(sensor.elevations))
+        lowest = angles[-1] - sensor.elevations[-1] < SKY
+        if misfit < FITS and unseen < (unseen_well if misfit < FITS_WELL and lowest else UNSEEN):
+            speed = abs(math.log(firings / sensor.azimuth_steps)) if firings else 0.0
+            costs.append((round(misfit + 0.5 * unseen + 0.02 * speed, 2), sensor.name))
+    return min(costs, key=lambda cost: cost[0])
 
 
 def _misfit(angles: NDArray[np.float64], beams: NDArray[np.float64]) -> tuple[float, float]:
@@ -89,10 +105,10 @@ def _misfit(angles: NDArray[np.float64], beams: NDArray[np.float64]) -> tuple[fl
     return float(off + beyond + more + 0.5 * ends / (beams[0] - beams[-1])), unseen
 
 
-def _unlike(seen: Beams, sensor: Sensor) -> float:
+def _unlike(angles: NDArray[np.float64], sensor: Sensor) -> float:
     """How far a sensor is from what is seen, in beams and field of view."""
-    ends = abs(seen.angles[-1] - sensor.elevations[-1]) + abs(seen.angles[0] - sensor.elevations[0])
-    return abs(math.log(len(seen.angles) / sensor.beams)) + float(ends) / 30
+    ends = abs(angles[-1] - sensor.elevations[-1]) + abs(angles[0] - sensor.elevations[0])
+    return abs(math.log(len(angles) / sensor.beams)) + float(ends) / 30
 
 
 def _at_speed(sensor: Sensor, firings: float) -> Sensor:

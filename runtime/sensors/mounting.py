@@ -16,34 +16,63 @@ STEPS = 5  # towards the sensor's frame
 TILT = 1.5  # degrees from which it is another frame than the scan's: 2 cost 7 points of IoU on a real drive
 ASIDE, ABOVE = 1.0, 0.5  # m, likewise; scans of a car that drives fast show some of the former
 LEFT, LITTLE = 0.5, 0.1  # of these, what may be left at the end, and what needs no further step
-SURE = 0.03  # degrees, median misfit of groups at the end
+# m ahead and above the origin: where beams may start. From far away they are not told apart, and no step leads there
+STARTS = (0.0, 0.0), (0.0, 0.7), (0.0, 1.7), (1.3, 1.7), (1.3, 0.7)
+SURE, CERTAIN = 0.04, 0.01  # degrees, median misfit of groups at the end; less needs no other start
 
 Pose = NDArray[np.float64]
 
 
-def own_frame(points: NDArray[np.floating], ring: ArrayLike | None, seen: Beams) -> tuple[Beams, Pose | None]:
+def own_frame(
+    points: NDArray[np.floating], ring: ArrayLike | None, seen: Beams, doubtful: bool = False
+) -> tuple[Beams, Pose | None]:
     """The beams of a scan in the frame of its sensor, and (4, 4) T_sensor_scan; None where that is the scan's own.
 
-    points: (N, >=3) m. It is found step by step, and given up where the steps lead nowhere.
+    points: (N, >=3) m. It is found step by step, and given up where the steps lead nowhere. doubtful: even if it does
+    not look as if it were another.
     """
-    fit = Fit(seen)
-    if fit.another < 1:
+    if seen.level is not None or (not doubtful and Fit(seen).another < 1):
         return seen, None
-    own, pose, xyz = seen, np.eye(4), points[:, :3].astype(np.float64)
+    xyz = points[:, :3].astype(np.float64)
+    found: list[tuple[float, Beams, Pose]] = []
+    for start in STARTS:
+        if one := _steps(xyz, ring, start):
+            found.append(one)
+            if one[0] < CERTAIN or one[1].level is not None:
+                break
+    if not found:
+        return seen, None
+    _, own, pose = min(found, key=lambda one: one[0])
+    pose[:2, 3] *= math.hypot(*pose[:2, 3]) >= ASIDE
+    pose[2, 3] *= abs(pose[2, 3]) >= ABOVE
+    same = not pose[:3, 3].any() and pose[2, 2] > math.cos(math.radians(TILT))
+    return (seen, None) if same else (own, pose)
+
+
+def _steps(
+    xyz: NDArray[np.float64], ring: ArrayLike | None, start: tuple[float, float]
+) -> tuple[float, Beams, Pose] | None:
+    """From the frame that begins `start` m ahead and above: the misfit, and as `own_frame`; None where to nothing."""
+    pose = np.eye(4)
+    pose[[0, 2], 3] = -start[0], -start[1]
+    own = _look_from(xyz, ring, pose)
+    if own is None:
+        return None
+    fit = Fit(own)
     for _ in range(STEPS):
         pose = fit.moves() @ pose
-        with np.errstate(over="ignore", invalid="ignore"):
-            moved = look(xyz @ pose[:3, :3].T + pose[:3, 3], ring)
-        if moved is None:
-            return seen, None
-        own, fit = moved, Fit(moved)
+        own = _look_from(xyz, ring, pose)
+        if own is None:
+            return None
+        fit = Fit(own)
         if fit.another < LITTLE:
             break
-    if fit.another < LEFT and fit.misfit < SURE:
-        pose[:2, 3] *= math.hypot(*pose[:2, 3]) >= ASIDE
-        pose[2, 3] *= abs(pose[2, 3]) >= ABOVE
-        return own, pose
-    return seen, None
+    return (fit.misfit, own, pose) if fit.another < LEFT and fit.misfit < SURE else None
+
+
+def _look_from(xyz: NDArray[np.float64], ring: ArrayLike | None, pose: Pose) -> Beams | None:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return look(xyz @ pose[:3, :3].T + pose[:3, 3], ring)
 
 
 class Fit:
