@@ -63,6 +63,14 @@ def test_the_frame_of_a_vehicle_where_the_laser_of_each_point_is_known(scans, na
 
 
 @pytest.mark.parametrize("name", ["hdl32e", "vlp16", "os1-64", "pandar64"])
+@pytest.mark.parametrize("transform", [pose(shift=(0, 0, 1.7)), pose(shift=(1.3, 0, 1.7))])
+def test_the_frame_of_a_vehicle_is_found_from_the_points_alone(scans, name, transform):
+    found = find_from_scan(moved(scans[name], transform))
+    assert found.sensor.name == name
+    assert_undone(found.mounting, transform)
+
+
+@pytest.mark.parametrize("name", ["hdl32e", "vlp16", "os1-64", "pandar64"])
 def test_the_frame_of_the_sensor_stays(scans, name):
     for transform in (pose(), pose(1), pose(0, -1), pose(shift=(0.3, 0.2, 0.2))):
         assert find_from_scan(moved(scans[name], transform)).mounting is None
