@@ -1,14 +1,34 @@
 """Files and folders that are whole or absent. Everything that replaces one does it here."""
 
 import contextlib
+import errno
 import os
 import secrets
 import shutil
+import stat
 from collections.abc import Iterator
+from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
 
 from runtime.errors import MosError, OutputError
+
+
+def read_ordinary(path: str | Path, most: int | None = None) -> bytes:
+    """What a file holds, see `open_ordinary`; most: bytes, of which more are an OSError too."""
+    with open_ordinary(path) as file:
+        if most is not None and os.fstat(file.fileno()).st_size > most:
+            raise OSError(errno.EFBIG, f"it is larger than {most:,} bytes", str(path))
+        return file.read()
+
+
+def open_ordinary(path: str | Path) -> BufferedReader:
+    """A file to read, which is one: a pipe would be waited for, and a device may have no end. Raises OSError."""
+    number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    if not stat.S_ISREG(os.fstat(number).st_mode):
+        os.close(number)
+        raise OSError(errno.EINVAL, "it is no ordinary file", str(path))
+    return open(number, "rb")
 
 
 def write_whole(path: str | Path, data: bytes | memoryview, sync: bool = True) -> None:

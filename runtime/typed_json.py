@@ -9,8 +9,13 @@ from pathlib import Path
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from runtime.errors import MosError, SettingError
+from runtime.files import read_ordinary
 
 T = TypeVar("T")
+
+LONGEST = 16 << 20  # bytes of a file
+DEEPEST = 32  # levels
+DIGITS = 300  # of a whole number: float64 ends at 308
 
 
 def build(kind: type[T], values: Any, where: str, error: type[MosError] = SettingError) -> T:
@@ -27,17 +32,45 @@ def build(kind: type[T], values: Any, where: str, error: type[MosError] = Settin
 
 
 def read_json(path: Path, error: type[MosError]) -> Any:
-    """What a JSON file holds. Raises `error` naming the file: it is not to be read, no JSON, or NaN is in it."""
+    """What a JSON file holds.
+
+    Raises `error` naming the file: it is not to be read, no JSON, larger or nested deeper than any that is meant, or
+    holds NaN or a number beyond those of float64.
+    """
     try:
-        return json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+        text = read_ordinary(path, LONGEST).decode("utf-8")
+        found = json.loads(text, parse_constant=_refuse, parse_float=_finite, parse_int=_whole)
+        _check_depth(found)
+        return found
     except OSError as reason:
         raise error(f"{path}: cannot be read ({reason.strerror})") from reason
     except (ValueError, RecursionError) as reason:
-        raise error(f"{path}: is no JSON ({reason or 'nested too deeply'})") from reason
+        why = "it is nested too deeply" if isinstance(reason, RecursionError) else f"{reason}"
+        raise error(f"{path}: is no JSON that can be read ({why:.200})") from reason
 
 
 def _refuse(constant: str) -> Any:
     raise ValueError(f"it holds {constant}")
+
+
+def _finite(text: str) -> float:
+    if not math.isfinite(number := float(text)):
+        _refuse(f"{text:.40}, no finite number")
+    return number
+
+
+def _whole(text: str) -> int:
+    if len(text) > DIGITS:
+        _refuse(f"a number of {len(text)} digits, which is not finite")
+    return int(text)
+
+
+def _check_depth(value: Any, left: int = DEEPEST) -> None:
+    if not left:
+        raise RecursionError
+    if isinstance(value, dict | list):
+        for item in value.values() if isinstance(value, dict) else value:
+            _check_depth(item, left - 1)
 
 
 def _dataclass(kind: type[T], values: Any, where: str) -> T:

@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 from runtime.errors import SettingError
 
+DEEPEST, WIDEST = 8, 4096  # stages, channels
+VOXELS = 0.001, 10.0  # m
+
 
 @dataclass(frozen=True)
 class PointHeadConfig:
@@ -22,8 +25,14 @@ class PointHeadConfig:
             raise SettingError(f"a point head needs as many up as down stages, not {self.down} and {self.up}")
         if self.fuse_after_up is not None and not 1 <= self.fuse_after_up < len(self.up):
             raise SettingError(f"fuse_after_up must lie within 1..{len(self.up) - 1}, not {self.fuse_after_up}")
-        if self.voxel_size <= 0 or min(self.in_channels, *self.down, *self.up) < 1:
-            raise SettingError("a point head needs a positive voxel size and positive channel counts")
+        if len(self.down) > DEEPEST:
+            raise SettingError(f"a point head has up to {DEEPEST} down stages, not {len(self.down)}")
+        if not all(1 <= channels <= WIDEST for channels in (self.in_channels, *self.down, *self.up)):
+            raise SettingError(f"the channels of a point head must be 1 to {WIDEST}")
+        if not VOXELS[0] <= self.voxel_size <= VOXELS[1]:
+            raise SettingError(f"the voxel size of a point head must be {VOXELS[0]} to {VOXELS[1]} m")
+        if not 0 <= self.dropout < 1:
+            raise SettingError("the dropout of a point head must be a share below 1")
         if self.reduce not in ("first", "mean"):
             raise SettingError(f"reduce must be 'first' or 'mean', not {self.reduce!r}")
 

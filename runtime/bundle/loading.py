@@ -20,6 +20,7 @@ from runtime.bundle.manifest import (
     parse_manifest,
 )
 from runtime.errors import BundleError
+from runtime.files import open_ordinary
 from runtime.typed_json import read_json
 
 DEFAULT_BUNDLE = "rt"
@@ -50,7 +51,7 @@ class Bundle:
         """Weights of the point head, for `PointHeadEngine`. A kernel with a scale beside it is multiplied by that."""
         path = self.path / POINT_HEAD
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            with open_ordinary(path) as file, np.load(file, allow_pickle=False) as stored:
                 arrays = {key: stored[key] for key in stored.files}
             scales = {key.removesuffix(".scale"): arrays.pop(key) for key in list(arrays) if key.endswith(".scale")}
             for name, scale in scales.items():
@@ -93,7 +94,7 @@ def default_bundle_path() -> Path:
 
 def sha256_of(path: Path) -> str:
     """SHA-256 of a file, in hexadecimal."""
-    with path.open("rb") as file:
+    with open_ordinary(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

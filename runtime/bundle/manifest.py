@@ -1,5 +1,6 @@
 """The manifest of a bundle: all there is to know about its network, as `manifest.json` holds it."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,7 +11,7 @@ from runtime.bundle.residual import Residual
 from runtime.classes import CLASSES
 from runtime.errors import BundleError, SettingError
 from runtime.sensors.range_image import RangeImage
-from runtime.sensors.sensor import UNKNOWN_REACH
+from runtime.sensors.sensor import FARTHEST, UNKNOWN_REACH
 from runtime.settings import CHOICES
 from runtime.typed_json import build
 
@@ -60,8 +61,8 @@ class SensorEntry:
     decision: Decision = field(default_factory=Decision)
 
     def __post_init__(self) -> None:
-        if not self.reach > 0:
-            raise SettingError(f"the reach of a sensor must be above 0 m, not {self.reach!r}")
+        if not 0 < self.reach <= FARTHEST:
+            raise SettingError(f"the reach of a sensor must be above 0 m, {FARTHEST:g} at most, not {self.reach!r}")
 
 
 @dataclass(frozen=True)
@@ -101,8 +102,8 @@ class Tuned:
         if not 0 <= self.candidate < 1:
             raise SettingError(f"the candidate's probability must be below 1, not {self.candidate!r}")
         for name in ("halo", "jump", "turn", "gap"):
-            if not getattr(self, name) >= 0:
-                raise SettingError(f"{name} must not be negative")
+            if not 0 <= getattr(self, name) < math.inf:
+                raise SettingError(f"{name} must be finite and not negative, not {getattr(self, name)!r}")
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 
 from runtime.errors import SettingError
+from runtime.sensors.sensor import FARTHEST
 
 HISTORY = 8  # past scans that a network may look at
+NEAREST = 0.01  # m: a residual is a share of the range, and no bound would be left to it
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,7 @@ class Residual:
         lags = self.lags
         if not lags or list(lags) != sorted(set(lags)) or lags[0] < 1 or lags[-1] > HISTORY:
             raise SettingError(f"residual lags must rise within 1..{HISTORY}, not {lags!r}")
-        if not 0 <= self.min_range < self.max_range:
-            raise SettingError("residual limits must satisfy 0 <= min_range < max_range")
+        if not NEAREST <= self.min_range < self.max_range <= FARTHEST:
+            raise SettingError(f"residual limits must satisfy {NEAREST} <= min_range < max_range <= {FARTHEST:g}")
         if self.kind not in ("absolute", "signed"):
             raise SettingError(f"residual kind must be 'absolute' or 'signed', not {self.kind!r}")

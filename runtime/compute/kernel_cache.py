@@ -17,7 +17,7 @@ from typing import Any
 from runtime.compute import internals
 from runtime.compute.origin import ingredients
 from runtime.errors import MosWarning, OutputError
-from runtime.files import write_whole
+from runtime.files import open_ordinary, read_ordinary, write_whole
 
 log = logging.getLogger("lidar_mos")
 
@@ -61,7 +61,7 @@ class KernelCache:
         """Compiled code, or None where it is not there."""
         path = self._path(signature)
         try:
-            content = path.read_bytes()
+            content = read_ordinary(path)
         except FileNotFoundError:
             return None
         except OSError as error:
@@ -98,7 +98,7 @@ class KernelCache:
     def holds_any(self) -> bool:
         """Whether there is code for this processor, of whatever signature."""
         for path in self._kernel.folder.glob(f"{self._prefix}*"):
-            with contextlib.suppress(OSError), path.open("rb") as file:
+            with contextlib.suppress(OSError), open_ordinary(path) as file:
                 if file.read(2 * _SIZE)[_SIZE:] == self._origin:
                     return True
         return False

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.bundle.loading import Bundle
 from runtime.bundle.manifest import POINT_HEAD_ONNX
+from runtime.classes import CLASSES
 from runtime.compute.sessions import Provider, open_session, provider_name
 from runtime.compute.workers import Workers
 from runtime.errors import BundleError, InferenceError, SettingError
@@ -73,6 +74,7 @@ class OnnxHead(PointHead):
             session_options=session_options,
         )
         self.providers: list[str] = self._session.get_providers()
+        self._path = path
         given = {value.name: value.shape for value in self._session.get_inputs()}
         wanted = _names(config)
         if set(given) != wanted or given["features"][1:] != [config.in_channels]:
@@ -90,6 +92,11 @@ class OnnxHead(PointHead):
         except Exception as error:  # ONNX Runtime's errors share no base but Exception
             raise InferenceError(f"the point head failed: {error}") from error
         self._spent("convolutions", began)
+        if probabilities.shape != (len(keys), len(CLASSES)) or probabilities.dtype != np.float32:
+            raise BundleError(
+                f"{self._path}: gives probabilities of shape {probabilities.shape} {probabilities.dtype}, not "
+                f"({len(keys)}, {len(CLASSES)}) float32; get the bundle again"
+            )
         result: Floats = probabilities
         return result
 

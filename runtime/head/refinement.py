@@ -111,8 +111,6 @@ class PointHead(ABC):
             image, pixel, width = given
             fits = image.ndim == 3 and len(image) == channels and image.size > 0 and width % image.shape[2] == 0
             if fits and pixel.shape == (count,) and pixel.dtype == np.int32:
-                if count and pixel.max() >= image.shape[1] * width:
-                    raise ScanError(f"pixel {pixel.max()} lies outside of an image of {image.shape[1]} x {width}")
                 return FeatureMap(np.require(image, np.float32, ["C", "W"]), pixel, width)
             shapes = f"{image.shape} of an image {width} wide, with {pixel.shape} {pixel.dtype} pixels"
         elif given.shape == (count, channels):

@@ -5,8 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.classes import CLASSES
+from runtime.compute.arguments import need, need_below
 from runtime.compute.jit import fast_kernel, kernel
 from runtime.compute.workers import Workers
+from runtime.errors import ScanError
 from runtime.head.voxels import Voxels
 
 _GRAIN = 1024  # voxels per task
@@ -25,8 +28,17 @@ def features_to_voxels(
 ) -> NDArray[np.float32]:
     """Features of voxels: those of the voxel's first point in scan order, or the mean of all its points.
 
-    `out` (V, >= c) float32, whose further columns become 0.
+    `out` (V, >= c) float32, whose further columns become 0. Raises ScanError where they do not fit.
     """
+    need(given.features, "features", (None, None, None), np.float32)
+    channels, height, columns = given.features.shape
+    if not columns or given.width % columns or given.width < columns:
+        raise ScanError(f"an image {given.width} pixels wide has no features in {columns} columns")
+    need(given.pixel, "pixel", (voxels.count,), np.int32)
+    need_below(given.pixel, height * given.width, "pixel")
+    need(out, "out", (len(voxels.keys), None), np.float32)
+    if out.shape[1] < channels:
+        raise ScanError(f"out must have {channels} columns or more, not {out.shape[1]}")
     table = given.features.reshape(len(given.features), -1)
     share = given.width // given.features.shape[2]
     order, starts, pick = voxels.order, voxels.starts, _mean_features if mean else _pick_features
@@ -50,7 +62,13 @@ def exchange(
     ones are dropped and the other weights divided by their sum); p2v is the mean over the points of a voxel.
     `coarse` and `out` (C, c), `table` (C + 1, 27) neighbours, `members` (C + 1,) first point of each coarse
     voxel, `keys` (V,) Morton keys of the points (one per voxel of stride 1), `points` (V, c), updated.
+    Raises ScanError where the shapes do not fit.
     """
+    rows, channels = coarse.shape
+    need(table, "table", (rows + 1, 27), np.int32)
+    need(members, "members", (rows + 1,), np.int32)
+    need(points, "points", (len(keys), channels), np.float32)
+    need(out, "out", (rows, channels), np.float32)
     grain = max(64, _GRAIN >> level)
     workers.ranges(lambda a, b: _exchange(coarse, table, members, keys, level, points, out, a, b), len(coarse), grain)
     return out
@@ -64,7 +82,17 @@ def classify(
     out: NDArray[np.float32],
     workers: Workers,
 ) -> NDArray[np.float32]:
-    """`out = softmax((points + voxels) @ weight.T + bias)`; both (V, c), weight (3, c), out (V, 3)."""
+    """`out = softmax((points + voxels) @ weight.T + bias)`; both (V, c), weight (3, <= c), out (V, 3).
+
+    Raises ScanError where the shapes do not fit.
+    """
+    need(weight, "weight", (len(CLASSES), None), np.float32)
+    need(bias, "bias", (len(CLASSES),), np.float32)
+    need(points, "points", (len(out), None), np.float32)
+    need(voxels, "voxels", points.shape, np.float32)
+    need(out, "out", (len(out), len(CLASSES)), np.float32)
+    if points.shape[1] < weight.shape[1]:
+        raise ScanError(f"points must have {weight.shape[1]} channels or more, not {points.shape[1]}")
     workers.ranges(lambda a, b: _classify(points, voxels, weight, bias, out, a, b), len(out), _GRAIN)
     return out
 

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.classes import MOVING, STATIC, UNLABELLED
+from runtime.classes import CLASSES, MOVING, STATIC, UNLABELLED
+from runtime.compute.arguments import need, need_below
 from runtime.compute.jit import inlined, kernel
 
 _MOST_LIKELY = np.float32(-1)  # stands for a threshold that is None
@@ -22,10 +23,14 @@ def point_results(
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
     """What points take from their pixels: moving (N,), as by `pixel_classes`, and its probability (N,).
 
-    `probabilities` (3, H, W); `pixel` (N,) v * W + u of each point, negative: none, which does not move.
+    `probabilities` (3, H, W) f32; `pixel` (N,) i32 v * W + u of each point, negative: none, which does not move.
+    Raises ScanError where they do not fit.
     """
+    need(probabilities, "probabilities", (len(CLASSES), None, None), np.float32)
+    need(pixel, "pixel", (None,), np.int32)
+    need_below(pixel, probabilities[0].size, "pixel")
     moving, probability = np.empty(len(pixel), np.bool_), np.empty(len(pixel), np.float32)
-    _take(probabilities.reshape(3, -1), pixel, _number(threshold), moving, probability)
+    _take(probabilities.reshape(len(CLASSES), -1), pixel, _number(threshold), moving, probability)
     return moving, probability
 
 
@@ -37,8 +42,11 @@ def take_refined(
 ) -> None:
     """Put the result of the points that were refined into `moving` (N,) and `probability` (N,).
 
-    `refined` (N, 3), NaN for those that were not.
+    `refined` (N, 3), NaN for those that were not. Raises ScanError where they do not fit.
     """
+    need(refined, "refined", (None, len(CLASSES)), np.float32)
+    need(moving, "moving", (len(refined),), np.bool_)
+    need(probability, "probability", (len(refined),), np.float32)
     _take_refined(refined, _number(threshold), moving, probability)
 
 

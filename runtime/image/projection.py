@@ -9,6 +9,7 @@ from runtime.compute.jit import fast_kernel, inlined
 from runtime.sensors.range_image import RangeImage
 
 BIN = 0.02  # degrees, width of the bins of elevation where rows follow a table
+EXACT = 1 << 24  # pixels, or bins, that float32 counts
 BLOCK = 512  # points whose pixels are computed at a time, in loops that vectorise
 
 
@@ -21,7 +22,7 @@ def pixel_scale(image: RangeImage) -> tuple[int, int, float, float, NDArray[np.i
     up, down = math.radians(image.fov_up), math.radians(image.fov_down)
     if not image.elevations:
         return image.height, image.width, -down, up - down, np.empty(0, np.int32)
-    bins = math.ceil((image.fov_up - image.fov_down) / BIN)
+    bins = min(math.ceil((image.fov_up - image.fov_down) / BIN), EXACT // image.width)
     centres = image.fov_up - (np.arange(bins) + 0.5) * ((image.fov_up - image.fov_down) / bins)  # degrees
     beams = np.array(image.elevations)
     rows = np.abs(centres[:, None] - beams).argmin(1).astype(np.int32)
@@ -100,7 +101,7 @@ def project_block(points, transform, scale, xyz, pixel, distance):  # type: igno
         v = (top - whole * bins_per_eighth) - rest * bins_per_eighth
         u = min(max(np.floor(u), np.float32(0)), np.float32(width - 1))
         v = min(max(np.floor(v), np.float32(0)), np.float32(bins - 1))
-        pixel[i] = np.int32(v * columns + u if valid else np.float32(-1))  # exact below 2^24
+        pixel[i] = np.int32(v * columns + u if valid else np.float32(-1))  # exact, see EXACT
         distance[i] = r if valid else np.float32(0)
     if rows.shape[0]:  # a loop of its own, for it looks up: the one above must vectorise
         for i in range(points.shape[0]):

@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.classes import MOVING, STATIC, UNLABELLED
+from runtime.compute.arguments import need, need_below
 from runtime.compute.jit import kernel
 from runtime.compute.workers import Workers
 
@@ -45,8 +46,14 @@ def knn_vote(
     the normalised Gaussian of sigma 1. Empty pixels are infinitely far; cells outside the image have range 0
     and no label; the centre stands for the point itself. Of the 5 nearest (on equal distance the first in row
     order) those within 1 m vote. A tie, no vote at all, and a point without pixel are static.
+    Raises ScanError where the arrays do not fit.
     """
+    need(labels, "labels", (None, None), np.uint8)
     height, width = labels.shape
+    need(range_image, "range_image", (height, width), np.float32)
+    need(pixel, "pixel", (None,), np.int32)
+    need(ranges, "ranges", (len(pixel),), np.float32)
+    need_below(pixel, height * width, "pixel")
     cells = np.empty((height + WINDOW - 1, width + WINDOW - 1), np.float32)
     classes = np.empty(cells.shape, np.uint8)
     _pad(np.ascontiguousarray(labels), np.ascontiguousarray(range_image), cells, classes)

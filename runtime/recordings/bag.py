@@ -13,6 +13,7 @@ from typing import Any
 
 from runtime.compute.packages import ROSBAGS, need_package
 from runtime.errors import MosWarning, ScanError, SequenceError
+from runtime.files import open_ordinary
 from runtime.recordings.old_rosbags import NOTE, as_folder, is_old
 
 TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")  # the second of old bags of ROS 1
@@ -136,7 +137,7 @@ class Bag:
 
 def _begins_with(path: Path, magic: bytes) -> bool:
     try:
-        with path.open("rb") as file:
+        with open_ordinary(path) as file:
             return file.read(len(magic)) == magic
     except OSError as error:
         raise SequenceError(f"{path}: cannot be read: {error.strerror}") from error

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from runtime.classes import LABELS, MOVING_LABEL, OUTLIER, STATIC_LABEL, label_ids
 from runtime.errors import SequenceError
-from runtime.files import write_whole
+from runtime.files import read_ordinary, write_whole
 from runtime.recordings.label_types import guess, other_size
 
 Labels = npt.NDArray[np.uint32]
@@ -46,7 +46,7 @@ def write_labels(path: str | Path, moving: npt.NDArray[np.bool_]) -> None:
 
 def _read(path: Path, points: int | None, known: npt.NDArray[np.bool_], advice: str) -> Labels:
     try:
-        data = path.read_bytes()
+        data = read_ordinary(path)
     except OSError as error:
         raise SequenceError(f"{path}: labels cannot be read: {error.strerror}") from error
     if len(data) % LABEL_BYTES or points not in (None, len(data) // LABEL_BYTES):

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from runtime.errors import MosWarning, SequenceError
+from runtime.files import open_ordinary
 
 SUFFIX = ".pcap"
 ORDERS = {b"\xd4\xc3\xb2\xa1": ("<", 1e-6), b"\xa1\xb2\xc3\xd4": (">", 1e-6)}  # byte order, unit of time in s
@@ -73,7 +74,7 @@ def count_packets(path: Path) -> int:
 @contextmanager
 def _opened(path: Path) -> Iterator[BinaryIO]:
     try:
-        with path.open("rb") as file:
+        with open_ordinary(path) as file:
             yield file
     except OSError as error:
         raise SequenceError(f"{path}: cannot be read: {error.strerror}") from error

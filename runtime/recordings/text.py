@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from runtime.errors import PoseError
+from runtime.files import read_ordinary
 
 COMMENT = re.compile(r"[#%].*")
 SEPARATOR = re.compile(r"[\s,;]+")
@@ -15,7 +16,7 @@ FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[-+]?\d)")  # 1.5D+03
 def read_text(path: Path) -> str:
     """A text in UTF-8 or, with a byte order mark, UTF-16 (as PowerShell writes it). Raises PoseError."""
     try:
-        data = path.read_bytes()
+        data = read_ordinary(path)
     except OSError as error:
         raise PoseError(f"{path}: cannot be read: {error.strerror}") from error
     wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from runtime.errors import ScanError
+from runtime.sensors.sensor import FARTHEST
 
 Values = NDArray[np.float64]
 
 FEWEST = 400  # points that tell anything
 NEAREST = 1.0  # m, of points that are looked at
-FARTHEST = 1e4
 WIDTHS = 0.5, 1.0  # degrees, of a column; the wide ones where the narrow ones miss beams
 FIRED = 1.3  # points that a beam leaves in a column, at least: fewer, and columns miss beams
 ENOUGH = 40_000  # points that are looked at, in some of the columns

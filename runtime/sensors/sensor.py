@@ -7,6 +7,7 @@ from runtime.errors import SettingError
 from runtime.sensors.range_image import RangeImage
 
 EVEN = 0.02  # share by which the angles between beams may differ where rows lie at equal angles
+FARTHEST = 1e4  # m, that any sensor reaches
 UNKNOWN_REACH = 300.0  # m, of a sensor of which nothing is known: farther returns make no sense on a road
 
 
@@ -35,11 +36,11 @@ class Sensor:
     image: RangeImage | None = None  # None: a row for each beam
 
     def __post_init__(self) -> None:
-        if len(self.elevations) < 2 or list(self.elevations) != sorted(set(self.elevations), reverse=True):
+        if len(self.elevations) < 2 or not all(above > below for above, below in pairwise(self.elevations)):
             raise SettingError(f"sensor {self.name!r}: elevations must fall from the highest beam to the lowest")
         if not (self.azimuth_steps > 0 and self.rate > 0 and 0 <= self.min_range < self.max_range <= self.reach):
             raise SettingError(f"sensor {self.name!r}: azimuth steps, rate and range limits must be positive and rise")
-        if self.beams % len(self.lifts):
+        if not self.lifts or self.beams % len(self.lifts):
             raise SettingError(f"sensor {self.name!r}: its {self.beams} beams are no {len(self.lifts)} equal blocks")
 
     @property

@@ -18,6 +18,7 @@ from runtime.compute.workers import Workers
 from runtime.errors import ScanError
 from runtime.head.sparse.kernel import FIELDS, LANES, address, run_layers
 from runtime.head.sparse.kernel_map import KernelMap, tile_size
+from runtime.head.sparse.map_check import check_map
 
 _TASKS_PER_THREAD = 4  # of one layer, at least; where it has too few tiles, each is done in parts
 
@@ -50,11 +51,14 @@ def pack(
 ) -> Packed:
     """Pack `weight` (K, in, out) or (in, out) and `bias` (out,), filled up with zeros to whole panels.
 
-    `parts` names the widths of concatenated inputs, each of which is filled up by itself (default: one).
+    `parts` names the widths of concatenated inputs, each of which is filled up by itself (default: one). Raises
+    ScanError where they do not fit.
     """
     weight = np.asarray(weight, np.float32).reshape((-1, *weight.shape[-2:]))
     offsets, rows, columns = weight.shape
     parts = [rows] if parts is None else parts
+    if sum(parts) != rows or (bias is not None and bias.shape != (columns,)):
+        raise ScanError(f"weights of {rows} x {columns} channels fit neither parts of {list(parts)} nor another bias")
     full = np.zeros((offsets, sum(map(padded, parts)), padded(columns)), np.float32)
     source = target = 0
     for part in parts:
@@ -92,6 +96,10 @@ class Layers:
     ) -> NDArray[np.float32]:
         """Add a convolution; arguments, result and errors as of the function `convolve`."""
         _check(features, kernel_map.count_in, weights.rows, "features")
+        if kernel_map.starts.shape[1] != len(weights.panels) + 1:
+            raise ScanError(
+                f"the kernel map has {kernel_map.starts.shape[1] - 1} offsets, the weights have {len(weights.panels)}"
+            )
         return self._add(features, kernel_map, weights, out, residual, shortcut, relu)
 
     def dense(self, features: NDArray[np.float32], weights: Packed, out: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -119,7 +127,7 @@ class Layers:
         shortcut: tuple[NDArray[np.float32], Packed] | None,
         relu: bool,
     ) -> NDArray[np.float32]:
-        count, columns = kernel_map.count_out, out.shape[1]
+        count, columns = kernel_map.count_out, out.shape[-1] if out.ndim else 0
         _check(out, count, columns, "out")
         if residual is not None:
             _check(residual, count, columns, "residual")
@@ -127,9 +135,11 @@ class Layers:
         if shortcut is not None:
             side, side_weights = shortcut
             _check(side, count, side_weights.rows, "shortcut")
+        for one in (weights, side_weights):
+            if one.panels.size and one.columns != columns:
+                raise ScanError(f"out has {columns} columns, the weights have {one.columns}")
+        if shortcut is not None:
             bias = side_weights.bias + (bias if weights.panels.size else np.float32(0))
-        if bias.size != columns:
-            raise ScanError(f"out has {columns} columns, the weights have {bias.size}")
         panels, tiles = columns // LANES, max(1, -(-count // kernel_map.tile))
         enough = -(-_TASKS_PER_THREAD * self.workers.threads // tiles)
         values = {
@@ -172,8 +182,10 @@ def convolve(
     `features` (V_in, rows), `out` (V_out, columns) and `residual` (V_out, columns) are float32 with filled-up
     widths and contiguous rows; they may be columns of a wider array, so that a concatenation needs no copy.
     `shortcut`: features (V_out, c) and the weights of a dense layer, added before ReLU. `out` may be the
-    residual, but none of the other inputs. Returns `out`. Raises ScanError where an array does not fit.
+    residual, but none of the other inputs. Returns `out`. Raises ScanError where an array does not fit, and where the
+    map names rows that there are not: the engines, which make their maps themselves, use `Layers`.
     """
+    check_map(kernel_map)
     layers = Layers(workers)
     layers.convolve(features, kernel_map, weights, out, residual=residual, shortcut=shortcut, relu=relu)
     layers.run()
@@ -191,7 +203,7 @@ def dense(
 
 
 def _check(array: NDArray[np.float32], count: int, columns: int, name: str) -> None:
-    rows_are_whole = array.size == 0 or array.strides[1] == array.itemsize
+    rows_are_whole = array.size == 0 or array.strides[-1:] == (array.itemsize,)
     if array.dtype != np.float32 or array.shape != (count, columns) or not rows_are_whole:
         raise ScanError(
             f"{name} must be a ({count}, {columns}) float32 array with contiguous rows, "

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from runtime.compute.packages import LZF, need_package
 from runtime.errors import ScanError
+from runtime.files import open_ordinary
 from runtime.recordings.cloud import Cloud, cloud_of
 from runtime.recordings.formats.whole_file import numbers_in, read_bytes
 
@@ -69,7 +70,7 @@ def kept(path: Path, keep: npt.NDArray[np.bool_]) -> bytes:
 def count(path: Path) -> int:
     """By the header. Raises ScanError."""
     try:
-        with path.open("rb") as file:
+        with open_ordinary(path) as file:
             return Header.of(file.read(MAX_HEADER), path).points
     except OSError as error:
         raise ScanError(f"{path}: cannot be read: {error.strerror}") from error

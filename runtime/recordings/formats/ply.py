@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.errors import ScanError
+from runtime.files import open_ordinary
 from runtime.recordings.cloud import Cloud, cloud_of
 from runtime.recordings.formats.whole_file import numbers_in, read_bytes
 
@@ -88,7 +89,7 @@ def kept(path: Path, keep: npt.NDArray[np.bool_]) -> bytes:
 def count(path: Path) -> int:
     """By the header. Raises ScanError."""
     try:
-        with path.open("rb") as file:
+        with open_ordinary(path) as file:
             return _vertices(_header(file.read(MAX_HEADER), path)[1], path).rows
     except OSError as error:
         raise ScanError(f"{path}: cannot be read: {error.strerror}") from error

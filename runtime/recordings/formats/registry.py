@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.errors import ScanError
+from runtime.files import open_ordinary
 from runtime.recordings.cloud import Cloud
 from runtime.recordings.formats import feather, las, npy, pcd, ply, raw
 
@@ -63,7 +64,7 @@ def kept_points(path: Path, keep: npt.NDArray[np.bool_], columns: int = raw.COLU
 def _format_of(path: Path) -> Format | None:
     """The format of a file; None: raw numbers. Raises ScanError."""
     try:
-        with path.open("rb") as file:
+        with open_ordinary(path) as file:
             head = file.read(HEAD)
     except OSError as error:
         raise ScanError(f"{path}: cannot be read: {error.strerror}") from error

@@ -6,12 +6,13 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.errors import ScanError
+from runtime.files import read_ordinary
 
 
 def read_bytes(path: Path) -> bytes:
     """All of a file. Raises ScanError."""
     try:
-        return path.read_bytes()
+        return read_ordinary(path)
     except OSError as error:
         raise ScanError(f"{path}: cannot be read: {error.strerror}") from error
 
