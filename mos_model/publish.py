@@ -16,7 +16,7 @@ import typer
 from mos_model.networks.checkpoint import load, save
 from mos_model.tuning.belief import find_belief
 from mos_model.tuning.thresholds import find_thresholds, sensor_classes
-from runtime.bundle.manifest import Tuned
+from runtime.bundle.manifest import BeliefNumbers, Tuned
 from runtime.commands.handler import run_alone
 from runtime.commands.output import show_line
 from runtime.errors import CheckpointError
@@ -38,7 +38,7 @@ def publish(
     out: Annotated[Path, typer.Argument(help="Checkpoint that ships")],
     streets: Annotated[int, typer.Option(min=1, help="Simulated streets for the thresholds; 5 x without movers")] = 40,
     drives: Annotated[
-        int, typer.Option(min=0, help="Simulated drives for belief, 0: its numbers stay as they are")
+        int, typer.Option(min=0, help="Simulated drives for those of belief, half of them without movers; 0: no belief")
     ] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Processes")] = 2,
     name: Annotated[str | None, typer.Option(help="Of the bundle", show_default="the network's")] = None,
@@ -53,18 +53,21 @@ def publish(
         raise typer.BadParameter(f"{postprocess!r} is none of {', '.join(CHOICES['postprocess'])}")
     found = load(checkpoint)
     tuned = build(Tuned, found.training.get("tuned", {}), f"{checkpoint}: tuned", CheckpointError)
+    if drives and tuned.belief is None:
+        tuned = replace(tuned, belief=BeliefNumbers())
     decisions: dict[str, dict[str, float | None]] = {}
     classes = sensor_classes(found.config.sensor, found.config.other_sensors)
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        belief = pool.submit(find_belief, checkpoint, tuned, drives) if drives else None
         asked = [pool.submit(find_thresholds, checkpoint, sensors, streets, tuned.candidate) for sensors in classes]
+        believed = [pool.submit(find_belief, checkpoint, tuned, sensors, drives) for sensors in classes if drives]
     for one in (each.result() for each in asked):
         decisions |= {each: one.decision for each in one.sensors}
         head = "" if one.head_iou is None else f"; point head {one.head_threshold:.3f}, {100 * one.head_iou:.1f}"
         show_line(f"{', '.join(one.sensors)}: threshold {one.threshold:.3f}, moving IoU {100 * one.iou:.1f}{head}")
-    if belief is not None:
-        tuned = replace(tuned, belief=belief.result())
-        show_line(f"belief: {tuned.belief}")
+    for two in (each.result() for each in believed):
+        decisions |= {each: decisions[each] | two.decision for each in two.sensors}
+        later = f"later {two.delayed_threshold:.3f}, {100 * two.delayed_iou:.1f}"
+        show_line(f"{', '.join(two.sensors)}: belief {two.threshold:.3f}, moving IoU {100 * two.iou:.1f}; {later}")
     training = {
         "decisions": decisions,
         "tuned": asdict(tuned),

@@ -73,6 +73,7 @@ class MosRunner:
         self._chooser = Chooser(manifest, given.profile)
         self._lay_out(self._chooser.default)
         self._believer = choose_believer(given, self.postprocess, manifest, self.workers)
+        self._believer.decide_by(self._stages.choice.entry.decision)
         self._delay = Delay(given.delay, self._believer.judge, MosResult.with_labels)
         self._intake = Intake(given.odometry, given.deskew)
         self._scans = 0  # since `reset()`
@@ -230,6 +231,7 @@ class MosRunner:
         choice = self._chooser.propose(scan, ring)
         if not self._stages.serve(choice):
             self._lay_out(choice)
+            self._believer.decide_by(choice.entry.decision)
             self._history.clear()  # of scans that showed nothing
         self._chooser.keep(choice)
 

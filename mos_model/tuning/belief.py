@@ -1,8 +1,8 @@
 """From which probability on a point counts as moving where what past scans found at its place counts too."""
 
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -13,7 +13,7 @@ from mos_model.simulator import simulate
 from mos_model.tuning.histogram import Histogram
 from mos_model.tuning.thresholds import LIGHT_TRAFFIC, QUIET, probabilities, samples_of
 from runtime.belief.believers import Delayed, Online
-from runtime.bundle.manifest import BeliefNumbers, Tuned
+from runtime.bundle.manifest import Tuned
 from runtime.classes import to_classes
 from runtime.compute.workers import Workers
 from runtime.head.refiners import PointLabels
@@ -29,24 +29,36 @@ DELAY = 10  # scans, for which the threshold of what is judged later is found
 _NONE = np.empty(0, np.uint8)
 
 
-def find_belief(checkpoint: Path, tuned: Tuned, drives: int) -> BeliefNumbers:
-    """The numbers of `tuned`, or the usual ones, with the thresholds of highest IoU where quiet drives stay quiet."""
+class Believed(NamedTuple):
+    """Thresholds of some sensors where other scans count too, and the IoU that they gave on the drives."""
+
+    sensors: tuple[str, ...]
+    threshold: float
+    iou: float
+    delayed_threshold: float
+    delayed_iou: float
+
+    @property
+    def decision(self) -> dict[str, float | None]:
+        """What a checkpoint says of each of the sensors."""
+        return {"belief_threshold": self.threshold, "delayed_threshold": self.delayed_threshold}
+
+
+def find_belief(checkpoint: Path, tuned: Tuned, sensors: Sequence[str], drives: int) -> Believed:
+    """The thresholds of highest IoU at which drives without a mover, which every second one is, stay quiet.
+
+    tuned: with the numbers of belief. sensors: take turns. Every second drive with movers, and without, is of the wide
+    variety that a network of several sensors learnt from.
+    """
     torch.set_num_threads(1)
     found, online, delayed = load(checkpoint), Histogram(), Histogram()
-    numbers = tuned.belief or BeliefNumbers()
-    names = [found.config.sensor, *found.config.other_sensors]
     for number in range(drives):
-        own = number % 2 == 0  # every second drive
-        sensor = names[0] if own else names[number // 2 % len(names)]
-        settings: dict[str, Any] = {"movers": 0.0 if number % 4 < 2 else LIGHT_TRAFFIC}
-        if found.config.other_sensors and not own:
+        sensor = sensors[number // 2 % len(sensors)]
+        settings: dict[str, Any] = {"movers": LIGHT_TRAFFIC if number % 2 else 0.0}
+        if found.config.other_sensors and number // 2 % 2:
             settings["version"] = 2
-        count_drive(found, replace(tuned, belief=numbers), sensor, BELIEF_DRIVES + number, settings, online, delayed)
-    return replace(
-        numbers,
-        threshold=online.best_threshold(QUIET)[0],
-        delayed_threshold=delayed.best_threshold(QUIET)[0],
-    )
+        count_drive(found, tuned, sensor, BELIEF_DRIVES + number, settings, online, delayed)
+    return Believed(tuple(sensors), *online.best_threshold(QUIET), *delayed.best_threshold(QUIET))
 
 
 def count_drive(

@@ -7,7 +7,7 @@ import numpy as np
 
 from runtime.belief.memory import Memory
 from runtime.belief.places import Places, Surveyor
-from runtime.bundle.manifest import BeliefNumbers, Manifest
+from runtime.bundle.manifest import BeliefNumbers, Decision, Manifest
 from runtime.compute.jit import kernel
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
@@ -31,6 +31,9 @@ class Believer(Protocol):
 
     horizon: int  # past scans whose labels count; older ones are forgotten exactly
 
+    def decide_by(self, decision: Decision) -> None:
+        """From now on, by the thresholds of this sensor."""
+
     def believe(self, scan: Entered, pose: Pose, labels: PointLabels, follows: bool) -> Believed:
         """Labels of the points of a scan, T_world_lidar = `pose`; follows: the scan before, and not after a jump."""
 
@@ -48,6 +51,9 @@ class Unbelieving:
     """Every scan by itself."""
 
     horizon = 0
+
+    def decide_by(self, decision: Decision) -> None:
+        """See `Believer`."""
 
     def believe(self, scan: Entered, pose: Pose, labels: PointLabels, follows: bool) -> Believed:
         """See `Believer`."""
@@ -69,7 +75,7 @@ class Online:
 
     def __init__(self, numbers: BeliefNumbers, workers: Workers) -> None:
         self.horizon, self._numbers, self._workers = numbers.horizon, numbers, workers
-        self._threshold = np.float32(numbers.threshold)
+        self.decide_by(Decision())
         self._surveyor = Surveyor(numbers.voxel_size, workers)
         self._memory = Memory(self.horizon, workers)
 
@@ -77,6 +83,10 @@ class Online:
     def nbytes(self) -> int:
         """Bytes held."""
         return self._surveyor.nbytes + self._memory.nbytes
+
+    def decide_by(self, decision: Decision) -> None:
+        """See `Believer`."""
+        self._threshold = _as_number(decision.belief_threshold)
 
     def believe(self, scan: Entered, pose: Pose, labels: PointLabels, follows: bool) -> Believed:
         """See `Believer`."""
@@ -118,7 +128,10 @@ class Delayed(Online):
 
     def __init__(self, numbers: BeliefNumbers, delay: int, workers: Workers) -> None:
         super().__init__(replace(numbers, horizon=numbers.horizon + delay), workers)
-        self._threshold = np.float32(numbers.delayed_threshold)
+
+    def decide_by(self, decision: Decision) -> None:
+        """See `Believer`."""
+        self._threshold = _as_number(decision.delayed_threshold)
 
     def believe(self, scan: Entered, pose: Pose, labels: PointLabels, follows: bool) -> Believed:
         """See `Believer`."""
@@ -138,6 +151,11 @@ def choose_believer(settings: RunnerSettings, postprocess: str, manifest: Manife
         raise SettingError("belief adds up probabilities, and knn has votes: choose postprocess head or none")
     numbers = numbers or BeliefNumbers()
     return Delayed(numbers, settings.delay, workers) if settings.delay else Online(numbers, workers)
+
+
+def _as_number(threshold: float | None) -> np.float32:
+    """Without a threshold, the most likely class."""
+    return np.float32(0.5 if threshold is None else threshold)
 
 
 @kernel

@@ -44,9 +44,11 @@ class Decision:
 
     threshold: float | None = None  # probability of "moving" from which it is; None: the most likely class
     head_threshold: float | None = None  # the same for probabilities of the point head
+    belief_threshold: float | None = None  # the same where what past scans found counts too
+    delayed_threshold: float | None = None  # the same where later scans count too
 
     def __post_init__(self) -> None:
-        for threshold in (self.threshold, self.head_threshold):
+        for threshold in (self.threshold, self.head_threshold, self.belief_threshold, self.delayed_threshold):
             if threshold is not None and not 0 <= threshold < 1:
                 raise SettingError(f"the threshold of moving must be a probability below 1, not {threshold!r}")
 
@@ -73,8 +75,6 @@ class BeliefNumbers:
     horizon: int = 16  # scans that count; older ones do not at all
     weight: float = 0.3  # of the sum of their log-odds, beside those of the scan itself
     floor: float = -6.0  # of that product: what stood for long may start to move
-    threshold: float = 0.38  # probability from which a point moves, all counted
-    delayed_threshold: float = 0.18  # the same where later scans count too
 
     def __post_init__(self) -> None:
         if not 0.01 <= self.voxel_size <= 10:
@@ -83,8 +83,6 @@ class BeliefNumbers:
             raise SettingError(f"the horizon of belief must be 1 to 64 scans, not {self.horizon!r}")
         if not (0 <= self.weight <= 10 and -1000 <= self.floor <= 0):
             raise SettingError("belief takes a weight of 0 to 10 and a floor of -1000 to 0")
-        if not (0 <= self.threshold < 1 and 0 <= self.delayed_threshold < 1):
-            raise SettingError("the thresholds of belief must be probabilities below 1")
 
 
 @dataclass(frozen=True)

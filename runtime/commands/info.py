@@ -61,7 +61,7 @@ def _sensors(sensors: Iterable["SensorEntry"]) -> dict[str, str]:
         rows[f"sensor {one.name}"] = (
             f"{image.height} x {image.width} pixels, {image.fov_down:.4g} to {image.fov_up:.4g} deg, up to "
             f"{one.reach:g} m; pixels: {_decision(decision.threshold)}; point head: "
-            f"{_decision(decision.head_threshold)}"
+            f"{_decision(decision.head_threshold)}; belief: {_decision(decision.belief_threshold)}"
         )
     return rows
 

@@ -116,10 +116,11 @@ def test_thresholds_of_belief_are_those_of_the_drives(tmp_path):
     config = named_config("rt", 4, widths=(4, 4), other_sensors=("vlp16",), range_image=RangeImage(16, 64))
     path = tmp_path / "last.pt"
     checkpoint.save(path, config, config.build_image_network())
-    numbers = find_belief(path, Tuned(), 4)
-    assert numbers == replace(BeliefNumbers(), threshold=numbers.threshold, delayed_threshold=numbers.delayed_threshold)
-    assert numbers == find_belief(path, Tuned(), 4)
-    assert 0 < numbers.threshold != numbers.delayed_threshold > 0
+    tuned = Tuned(belief=BeliefNumbers())
+    found = find_belief(path, tuned, ("hdl64e", "vlp16"), 4)
+    assert found == find_belief(path, tuned, ("hdl64e", "vlp16"), 4)
+    assert 0 < found.threshold != found.delayed_threshold > 0
+    assert found.decision == {"belief_threshold": found.threshold, "delayed_threshold": found.delayed_threshold}
 
 
 @pytest.mark.parametrize(

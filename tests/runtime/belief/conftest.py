@@ -37,12 +37,8 @@ def bundle(scans, tmp_path_factory):
     with MosRunner(folder, threads=1, postprocess="none") as plain:
         middle = float(np.median(np.concatenate([plain(*scan).probability for scan in scans])))
     manifest = json.loads((folder / "manifest.json").read_text())
-    manifest["tuned"]["belief"] = {
-        "horizon": HORIZON,
-        "voxel_size": 0.5,
-        "weight": 0.5,
-        "threshold": middle,
-        "delayed_threshold": middle,
-    }
+    manifest["tuned"]["belief"] = {"horizon": HORIZON, "voxel_size": 0.5, "weight": 0.5}
+    for sensor in manifest["sensors"]:
+        sensor["decision"] |= {"belief_threshold": middle, "delayed_threshold": middle}
     (folder / "manifest.json").write_text(json.dumps(manifest))
     return folder

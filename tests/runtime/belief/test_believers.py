@@ -5,7 +5,7 @@ import pytest
 
 from runtime.belief.believers import Online, choose_believer
 from runtime.bundle.loading import load_bundle
-from runtime.bundle.manifest import BeliefNumbers
+from runtime.bundle.manifest import BeliefNumbers, Decision
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
 from runtime.head.refiners import PointLabels
@@ -14,7 +14,8 @@ from runtime.settings import RunnerSettings
 from tests.support import reference_belief as reference
 from tests.support.paths import BUNDLE
 
-NUMBERS = BeliefNumbers(voxel_size=0.5, horizon=3, weight=0.4, floor=-2.0, threshold=0.4)
+NUMBERS = BeliefNumbers(voxel_size=0.5, horizon=3, weight=0.4, floor=-2.0)
+THRESHOLD = 0.4
 
 
 def drive(count, points=1200, seed=0):
@@ -39,6 +40,7 @@ def labels(probability):
 @pytest.mark.parametrize("threads", [1, 2])
 def test_like_the_reference(threads):
     believer, past = Online(NUMBERS, Workers(threads)), []
+    believer.decide_by(Decision(belief_threshold=THRESHOLD))
     lifted = lowered = 0
     for scan, pose, probability in drive(7):
         got = believer.believe(scan, pose, labels(probability), follows=bool(past))
@@ -52,7 +54,7 @@ def test_like_the_reference(threads):
                 belief = max(NUMBERS.weight * known.get(cell, 0.0), NUMBERS.floor)
                 want = 1 / (1 + np.exp(-reference.log_odds(float(probability[i])) - belief))
                 assert got.labels.probability[i] == pytest.approx(want, abs=5e-4)
-                assert got.labels.moving[i] == (want > NUMBERS.threshold) or abs(want - NUMBERS.threshold) < 5e-4
+                assert got.labels.moving[i] == (want > THRESHOLD) or abs(want - THRESHOLD) < 5e-4
                 lifted += want > probability[i] + 0.1
                 lowered += want < probability[i] - 0.1
         past.append(evidence)
@@ -103,8 +105,6 @@ def test_votes_are_not_believed():
         {"horizon": 65},
         {"weight": -1.0},
         {"floor": 1.0},
-        {"threshold": 1.0},
-        {"threshold": float("nan")},
     ],
 )
 def test_numbers_that_cannot_be(wrong):

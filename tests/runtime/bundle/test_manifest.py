@@ -158,6 +158,7 @@ def file(name="image_net.onnx", **values):
         (sub("point_head", reduce="max"), "reduce"),
         (sub("point_head", down=8), "point_head"),
         (sensor(decision={"threshold": 2}), "threshold"),
+        (sensor(decision={"belief_threshold": 1}), "threshold"),
         (sensor(decision={"threshold": "high"}), "threshold"),
         (file(precision="int8"), "precision 'int8', not float32 or float16"),
         (file(bytes=None), "image_net.onnx"),
