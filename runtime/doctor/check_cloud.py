@@ -5,8 +5,8 @@ from contextlib import suppress
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
 
+from runtime.compute.jit import kernel
 from runtime.doctor.findings import Finding
 from runtime.doctor.sample import middle
 from runtime.errors import MosError
@@ -58,9 +58,23 @@ def _spacing(points: Points) -> tuple[float, float] | None:
         within = points[(ranges > low) & (ranges < high)]
         if len(within) < FEWEST:
             return None
-        some = within[:: max(1, len(within) // QUERIES)]
-        found.append(float(np.median(KDTree(within).query(some, 2)[0][:, 1])))
+        found.append(float(np.median(_to_the_next(within, max(1, len(within) // QUERIES)))))
     return found[0], found[1]
+
+
+@kernel
+def _to_the_next(points, step):  # type: ignore[no-untyped-def]
+    """Distance in m from every `step`-th of the points (N, 3) to the nearest other one."""
+    found = np.empty((points.shape[0] + step - 1) // step, np.float32)
+    for k in range(found.size):
+        i, nearest = k * step, np.float32(np.inf)
+        for j in range(points.shape[0]):
+            x, y, z = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
+            away = x * x + y * y + z * z
+            if away < nearest and j != i:
+                nearest = away
+        found[k] = np.sqrt(nearest)
+    return found
 
 
 def _check_origin(scans: Sequence[Scan]) -> Finding | None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import cKDTree  # noqa: TID251 (comes with the extra)
 
 from runtime.compute.packages import KISS_ICP, need_package
 from runtime.errors import LostError, MosWarning

@@ -6,13 +6,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from runtime.errors import MosError, OutputError
 from runtime.files import write_whole
 from runtime.odometry.located import Digest, FoundPoses, Progress, readable
 from runtime.recordings.pose_table import read_pose_table
 from runtime.recordings.recording import Indexed
+from runtime.recordings.rotations import quaternions_of_matrices
 from runtime.typed_json import build, read_json
 
 KITTI, TUM, CALIB, NOTE = "poses.txt", "poses.tum", "calib.txt", "odometry.json"
@@ -45,7 +45,7 @@ def write_poses(folder: Path, found: FoundPoses, recording: Indexed) -> None:
     kitti = "".join(_line(pose[:3].ravel()) for pose in found.poses).encode()
     times = np.arange(len(found.poses)) if recording.times is None else recording.times
     known = np.isfinite(found.poses).all((1, 2))
-    turns = Rotation.from_matrix(found.poses[known, :3, :3]).as_quat()
+    turns = quaternions_of_matrices(found.poses[known, :3, :3])
     rows = np.column_stack([times[known], found.poses[known, :3, 3], turns])
     check_place(folder)
     _write_note(folder, Note(found.odometry, found.scans, ""))  # it must not speak of other poses

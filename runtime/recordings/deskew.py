@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from runtime.compute.jit import kernel
 from runtime.recordings.poses import Pose, relative_pose
+from runtime.recordings.rotations import matrices_of_turns, turns_of_matrices
 from runtime.recordings.scans import ScanData
 from runtime.recordings.trajectory import LONGEST_GAP
 
@@ -28,7 +28,7 @@ class Motion:
         """(4, 4) T_lidar_then: where the LiDAR is `time` s after the time of the scan, in its frame of that time."""
         velocity = self.before if time < 0 else self.after
         pose = np.eye(4)
-        pose[:3, :3] = Rotation.from_rotvec(velocity[:3] * time).as_matrix()
+        pose[:3, :3] = matrices_of_turns(velocity[:3] * time)
         pose[:3, 3] = velocity[3:] * time
         return pose
 
@@ -44,7 +44,7 @@ STILL = Motion(np.zeros(6), np.zeros(6))
 def velocity_to(pose: Pose, other: Pose, seconds: float) -> Velocity:
     """The velocity that takes T_world_lidar `pose` to `other` in `seconds`, which are negative for a pose before."""
     step = relative_pose(pose, other)
-    return np.concatenate([Rotation.from_matrix(step[:3, :3]).as_rotvec(), step[:3, 3]]) / seconds
+    return np.concatenate([turns_of_matrices(step[:3, :3]), step[:3, 3]]) / seconds
 
 
 def velocity_between(pose: Pose, other: Pose, seconds: float) -> Velocity | None:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from runtime.errors import PoseError
 from runtime.recordings.poses import Poses
+from runtime.recordings.rotations import matrices_of_quaternions
 from runtime.recordings.text import lines_of, read_text, to_numbers
 
 COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")  # of TUM
@@ -68,11 +69,7 @@ def from_quaternions(places: npt.NDArray[np.float64], quaternions: npt.NDArray[n
     """Poses (T, 4, 4) of positions (T, 3) and quaternions (T, 4) x y z w of any length; one of zeros becomes NaN."""
     poses = np.tile(np.eye(4), (len(places), 1, 1))
     poses[:, :3, 3] = places
-    with np.errstate(invalid="ignore", divide="ignore"):
-        x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    poses[:, 0, :3] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1)
-    poses[:, 1, :3] = np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1)
-    poses[:, 2, :3] = np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1)
+    poses[:, :3, :3] = matrices_of_quaternions(quaternions)
     return poses
 
 

@@ -4,10 +4,10 @@ import warnings
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from runtime.errors import MosWarning, some
 from runtime.recordings.poses import Poses
+from runtime.recordings.rotations import matrices_of_turns, turns_of_matrices
 
 SAME = 1e-5  # s; a pose so near in time is taken as it is
 LONGEST_GAP = 0.5  # s between two poses, over which a vehicle may turn in ways that a line does not follow
@@ -64,8 +64,8 @@ def poses_at(
 def _between(before: Poses, after: Poses, share: npt.NDArray[np.float64]) -> Poses:
     """Poses (T, 4, 4), `share` (T,) of the way from the ones to the others."""
     poses = np.tile(np.eye(4), (len(share), 1, 1))
-    first = Rotation.from_matrix(before[:, :3, :3])
-    turn = (first.inv() * Rotation.from_matrix(after[:, :3, :3])).as_rotvec()
-    poses[:, :3, :3] = (first * Rotation.from_rotvec(share[:, None] * turn)).as_matrix()
+    first = before[:, :3, :3]
+    turn = turns_of_matrices(first.transpose(0, 2, 1) @ after[:, :3, :3])
+    poses[:, :3, :3] = first @ matrices_of_turns(share[:, None] * turn)
     poses[:, :3, 3] = (1 - share[:, None]) * before[:, :3, 3] + share[:, None] * after[:, :3, 3]
     return poses
