@@ -9,7 +9,9 @@ from runtime.sensors.registry import SENSORS
 from runtime.sensors.sensor import Sensor, even
 
 RATES = ((10.0, 70), (20.0, 15), (5.0, 15))  # Hz, and of how many drives in a hundred
-OWN_SHARE = 0.2  # of the drives are of the network's own sensor
+OWN_SHARE = 0.18  # of the drives are of the network's own sensor
+FEW_SHARE = 0.35  # are of sensors of few beams, which are the hardest to learn
+FEW = 20  # beams, at most
 THINNED, UNKNOWN = 0.12, 0.1  # with some of the beams of a sensor, with beams of no sensor that we know
 WIDEST = 800  # columns of a crop
 BEAMS = (16, 20, 24, 32, 40, 48, 64, 80, 96, 128)  # of unknown sensors
@@ -57,14 +59,26 @@ class MixedDrives:
 
 def draw_sensor(rng: Random, own: str) -> Sensor:
     """The network's own sensor, by its name, another one, one with fewer beams, or one that nobody knows."""
-    if rng.random() < OWN_SHARE:
+    which = rng.random()
+    if which < OWN_SHARE:
         return SENSORS[own]
+    if which < OWN_SHARE + FEW_SHARE:
+        return few(rng)
     sensor = SENSORS[rng.choice(sorted(SENSORS))]
     kind = rng.random()
     if kind < THINNED and sensor.beams >= 32:
         step = rng.choice((2, 4) if sensor.beams >= 64 else (2,))
         return thinned(sensor, step, rng.randrange(step))
     return unknown(rng, sensor) if kind > 1 - UNKNOWN else sensor
+
+
+def few(rng: Random) -> Sensor:
+    """A sensor of few beams, or every second or fourth beam of one of more."""
+    if rng.random() < 0.7:
+        return SENSORS[rng.choice([name for name in sorted(SENSORS) if SENSORS[name].beams <= FEW])]
+    sensor = SENSORS[rng.choice([name for name in sorted(SENSORS) if SENSORS[name].beams in (32, 40, 64)])]
+    step = -(-sensor.beams // FEW)
+    return thinned(sensor, step, rng.randrange(step))
 
 
 def thinned(sensor: Sensor, step: int, first: int = 0) -> Sensor:
