@@ -22,6 +22,7 @@ from runtime.commands.options import (
     RemissionScale,
     Threads,
     Topic,
+    World,
     wrong_usage,
 )
 from runtime.commands.recordings import recording_options
@@ -47,6 +48,7 @@ def clean(
     extrinsics: Extrinsics = None,
     topic: Topic = None,
     pose_topic: PoseTopic = None,
+    world: World = None,
     columns: Columns = None,
     remission_scale: RemissionScale = None,
     odometry: Odometry = None,
@@ -85,6 +87,7 @@ def clean(
         limit=limit,
         topic=topic,
         pose_topic=pose_topic,
+        world=world,
         extrinsics=extrinsics,
         columns=columns,
         remission_scale=remission_scale,

@@ -23,6 +23,7 @@ from runtime.commands.options import (
     PoseTopic,
     RemissionScale,
     Topic,
+    World,
     opened_sensor,
     wrong_usage,
 )
@@ -50,6 +51,7 @@ def doctor(
     extrinsics: Extrinsics = None,
     topic: Topic = None,
     pose_topic: PoseTopic = None,
+    world: World = None,
     columns: Columns = None,
     remission_scale: RemissionScale = None,
     odometry: Odometry = None,
@@ -69,6 +71,7 @@ def doctor(
         frame=frame,
         topic=topic,
         pose_topic=pose_topic,
+        world=world,
         extrinsics=extrinsics,
         columns=columns,
         remission_scale=remission_scale,

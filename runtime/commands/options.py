@@ -88,6 +88,10 @@ PoseTopic = Annotated[
     str | None,
     typer.Option(help="Topic of the poses in a bag.", show_default="the only odometry in the frame of the points"),
 ]
+World = Annotated[
+    str | None,
+    typer.Option(help="Frame of TF in which the poses are, as map.", show_default="odom, or else the highest"),
+]
 Odometry = Annotated[
     OdometryName | None,
     typer.Option(

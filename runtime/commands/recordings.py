@@ -18,7 +18,7 @@ def recording_options(odometry: OdometryName | None, no_deskew: bool, **given: A
 
     if given["frame"] == "lidar" and given["calib"] is not None:
         raise typer.BadParameter("poses of the LiDAR (--pose-frame lidar) need no --calib: leave out one of the two")
-    named = any(given[name] for name in ("poses", "pose_topic", "calib", "frame", "extrinsics"))
+    named = any(given[name] for name in ("poses", "pose_topic", "world", "calib", "frame", "extrinsics"))
     if odometry is OdometryName.KISS and named:
         raise typer.BadParameter("--odometry kiss finds the poses: leave it out, or what says which poses are given")
     if odometry is None:

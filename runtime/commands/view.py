@@ -22,6 +22,7 @@ from runtime.commands.options import (
     PoseTopic,
     RemissionScale,
     Topic,
+    World,
     opened_sensor,
     wrong_usage,
 )
@@ -66,6 +67,7 @@ def view(
     extrinsics: Extrinsics = None,
     topic: Topic = None,
     pose_topic: PoseTopic = None,
+    world: World = None,
     columns: Columns = None,
     remission_scale: RemissionScale = None,
     odometry: Odometry = None,
@@ -96,6 +98,7 @@ def view(
         frame=frame,
         topic=topic,
         pose_topic=pose_topic,
+        world=world,
         extrinsics=extrinsics,
         columns=columns,
         remission_scale=remission_scale,

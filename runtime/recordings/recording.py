@@ -58,6 +58,7 @@ class Options:
     points_only: bool = False  # leave out poses and times, whatever state they are in
     topic: str | None = None  # of the clouds in a bag; None: the only one
     pose_topic: str | None = None  # of the poses in a bag; None: the only odometry in the frame of the points
+    world: str | None = None  # frame of TF in which poses are; None: odom, or else the highest
     # where the LiDAR sits in the frame whose poses these are, see `read_extrinsics`; None: as the format has it
     extrinsics: str | Path | None = None
     columns: int | None = None  # numbers a point in files of raw numbers; None: as they show
@@ -76,6 +77,10 @@ class Options:
             raise SettingError("poses are of a camera or of what `extrinsics` is given for: leave out one of the two")
         if self.poses and self.pose_topic:
             raise SettingError("poses are from a file (`poses`) or a topic (`pose_topic`): leave out one of the two")
+        if self.world and self.poses:
+            raise SettingError(
+                "`world` is a frame of TF, and poses are from a file (`poses`): leave out one of the two"
+            )
         if self.limit is not None and self.limit < 1:
             raise SettingError(f"`limit` must be at least 1, not {self.limit}")
         if self.columns is not None and self.columns < 3:

@@ -105,8 +105,10 @@ def check_options(found: list[Found], options: Options) -> None:
     """Raises SettingError where what belongs to one recording is given for several, or topics for what has none."""
     if len(found) > 1 and (options.poses or options.calib):
         raise SettingError(f"a pose file or calibration is for one recording, not for {len(found)}: name one (`names`)")
-    if (options.topic or options.pose_topic) and any(one.reader is not ros for one in found):
-        raise SettingError(f"topics (`topic`, `pose_topic`) are of {ros.TITLE}, and {found[0].path} is none")
+    if (options.topic or options.pose_topic or options.world) and any(one.reader is not ros for one in found):
+        raise SettingError(
+            f"topics and frames (`topic`, `pose_topic`, `world`) are of {ros.TITLE}, and {found[0].path} is none"
+        )
 
 
 def as_given(path: Path) -> Path:

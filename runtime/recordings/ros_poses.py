@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from runtime.errors import MosWarning, NoPosesError, PoseError, SequenceError
+from runtime.errors import MosWarning, NoPosesError, PoseError, SequenceError, SettingError
 from runtime.recordings.bag import Bag, Message
 from runtime.recordings.extrinsics import mounted, read_extrinsics
 from runtime.recordings.pose_files import ScanPoses, Times, checked
@@ -27,14 +27,17 @@ ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
 def read_topic_poses(bag: Bag, times: Times, frame: str, options: Options) -> ScanPoses:
     """The poses of the scans at `times` (T,) s, whose points are in `frame`.
 
-    From `options.pose_topic`; else from the only odometry of that frame; else from TF; else from the only odometry of a
-    frame against which that one sits still, by TF or `options.extrinsics`. Raises PoseError, SequenceError, ScanError;
-    warns (MosWarning) where the poses are those of another frame.
+    From `options.pose_topic`; from TF where `options.world` names its frame; else from the only odometry of that frame;
+    else from TF; else from the only odometry of a frame against which that one sits still, by TF or
+    `options.extrinsics`. Raises PoseError, SequenceError, SettingError, ScanError; warns (MosWarning) where the poses
+    are those of another frame.
     """
     sources = _Sources(bag, plain(frame), options)
     topic = sources.choose() if options.pose_topic is None else options.pose_topic
     if topic in sources.transforms:
         raw, broken, mount, origin = sources.of_tf(times)
+    elif topic in sources.kinds and sources.world is not None:
+        raise SettingError(f"`world` is a frame of TF, and {topic} (`pose_topic`) is not: leave out one of the two")
     elif topic in sources.kinds:
         raw, broken, mount, origin = sources.of_topic(topic, times)
     else:
@@ -58,12 +61,17 @@ class _Sources:
             topic: kind for topic, (kind, count) in bag.topics().items() if kind in (ODOMETRY, POSE) and count
         }
         self.transforms = tf_topics(bag)
+        self.world = None if options.world is None else plain(options.world)
         self.listed = listed(bag, [*self.kinds, *self.transforms])
         self.given = None if options.extrinsics is None else read_extrinsics(options.extrinsics)
         self.moved = "" if options.extrinsics is None else f", {mounted(options.extrinsics)}"
 
     def choose(self) -> str:
         """The topic of the poses. Raises NoPosesError where there is none, PoseError where there are several."""
+        if self.world is not None:
+            if not self.transforms:
+                raise PoseError(f"{self.bag.path}: has no TF in which {self.world} could be (`world`); {self.listed}")
+            return self.transforms[0]
         odometry = {topic: self._body(topic) for topic, kind in self.kinds.items() if kind == ODOMETRY}
         fit = [topic for topic, body in odometry.items() if body == self.frame and self.given is None]
         why = ""
@@ -91,7 +99,13 @@ class _Sources:
             raise PoseError(self.frames.missing(sensor))
         world = self.frames.world(sensor)
         origin = f"{' and '.join(self.transforms)} from {world} to {sensor}{self.moved}"
-        log.info("%s: the poses are those of %s", self.bag.path, origin)
+        above = self.frames.chain(world)[1:]
+        log.info(
+            "%s: the poses are those of %s%s",
+            self.bag.path,
+            origin,
+            f"; above it is {above[-1]} (`world`)" if above else "",
+        )
         return *self.frames.poses(world, sensor, times), np.eye(4) if self.given is None else self.given, origin
 
     def of_topic(self, topic: str, times: Times) -> tuple[Poses, dict[int, str], Pose, str]:
@@ -118,7 +132,7 @@ class _Sources:
 
     @cached_property
     def frames(self) -> Frames:
-        return Frames.of(self.bag)
+        return Frames.of(self.bag, self.world)
 
     @property
     def _sensor(self) -> str | None:

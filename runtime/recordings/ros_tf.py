@@ -3,11 +3,13 @@
 https://www.ros.org/reps/rep-0105.html: `map` above `odom` above `base_link` above the sensors.
 """
 
+import logging
 import warnings
 from array import array
 from collections import defaultdict
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +23,10 @@ from runtime.recordings.trajectory import LONGEST_GAP, poses_at
 STATIC = "tf_static"  # how a topic is called whose transforms hold for ever
 SMOOTH = ("odom", "odom_combined")  # a world in which nothing jumps
 WORLDS = (*SMOOTH, "map", "world", "camera_init")  # frames that do not move, as they are usually called
+ROW = 8  # numbers: time, position, quaternion
 STILL = 1e-6  # of a matrix; what changes less does not move
+
+log = logging.getLogger("lidar_mos.recordings")
 
 
 @dataclass(frozen=True)
@@ -29,9 +34,18 @@ class Link:
     """From a frame to the one above it."""
 
     parent: str
-    times: npt.NDArray[np.float64]  # (K,) s
-    poses: Poses  # (K, 4, 4) T_parent_child
+    rows: npt.NDArray[np.float64]  # (K, ROW) s, m, quaternion x y z w
     static: bool
+
+    @cached_property
+    def times(self) -> npt.NDArray[np.float64]:
+        """(K,) s."""
+        return self.rows[:, 0]
+
+    @cached_property
+    def poses(self) -> Poses:
+        """(K, 4, 4) T_parent_child."""
+        return from_quaternions(self.rows[:, 1:4], self.rows[:, 4:])
 
     @cached_property
     def fixed(self) -> bool:
@@ -45,36 +59,72 @@ class Link:
         return poses_at(times, self.times, self.poses, source, np.inf if self.fixed else LONGEST_GAP)
 
 
+class Transforms:
+    """What was said of frames, in order of time, from which a tree is made."""
+
+    def __init__(self, seconds: float = np.inf) -> None:
+        """seconds: of each moving frame, as much is kept, or up to twice that."""
+        self._seconds = seconds
+        self._rows: dict[tuple[str, str, bool], array[float]] = defaultdict(lambda: array("d"))
+        self._said = set[str]()
+
+    def add(self, content: Any, received: int, static: bool) -> None:
+        """A message of TF. received: ns; static: its topic is that of transforms that hold for ever."""
+        for one in content.transforms:
+            stamp, place, turn = one.header.stamp, one.transform.translation, one.transform.rotation
+            time = stamp.sec + 1e-9 * stamp.nanosec or 1e-9 * received
+            rows = self._rows[plain(one.child_frame_id), plain(one.header.frame_id), static]
+            if static or (rows and time < rows[-ROW] - self._seconds):  # or a recording is played once more
+                del rows[:]
+            elif rows and time - rows[0] > 2 * self._seconds:
+                table = np.array(rows).reshape(-1, ROW)
+                rows[:] = array("d", table[table[:, 0] >= time - self._seconds].ravel())
+            rows.extend((time, place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w))
+
+    def frames(self, source: str, world: str | None = None) -> "Frames":
+        """The tree. Of several frames above one, that counts by which `world` or `odom` is reached, or which is said
+        most often. The logger is told where that decides; a MosWarning, where nothing but the number does."""
+        above: dict[str, list[tuple[str, bool]]] = defaultdict(list)
+        for child, parent, static in sorted(self._rows, key=lambda key: -len(self._rows[key])):
+            above[child].append((parent, static))
+        links = dict[str, Link]()
+        for child, parents in above.items():
+            chosen = max(parents, key=lambda one: _leads(one[0], above, world))  # the first of several
+            if len(parents) > 1:
+                others = some(sorted({parent for parent, _ in parents}))
+                leading = {_leads(parent, above, world) for parent, _ in parents}
+                self._say(f"{source}: TF has {child} twice, below {others}; {chosen[0]} counts", len(leading) > 1)
+            rows = np.array(self._rows[child, *chosen]).reshape(-1, ROW)
+            links[child] = Link(chosen[0], rows, chosen[1])
+        return Frames(source, links, world)
+
+    def _say(self, text: str, decided: bool) -> None:
+        """Once. decided: it is known why."""
+        if text not in self._said:
+            self._said.add(text)
+            if decided:
+                log.info("%s, which the chosen world is above, or odom, where nothing jumps (`world`)", text)
+            else:
+                warnings.warn(text, MosWarning, stacklevel=4)
+
+
 class Frames:
     """The tree."""
 
-    def __init__(self, source: str, links: dict[str, Link]) -> None:
-        """links: by the frame that is below."""
-        self.source, self.links = source, links
+    def __init__(self, source: str, links: dict[str, Link], world: str | None = None) -> None:
+        """links: by the frame that is below; world: the frame in which poses are to be; None: see `world`."""
+        self.source, self.links, self._world = source, links, world
 
     @classmethod
-    def of(cls, bag: Bag) -> "Frames":
-        """All that a bag says of them. Raises ScanError; warns (MosWarning) where it says two things."""
-        rows: dict[tuple[str, str, bool], array[float]] = defaultdict(lambda: array("d"))
-        topics = tf_topics(bag)
+    def of(cls, bag: Bag, world: str | None = None) -> "Frames":
+        """All that a bag says of them. Raises ScanError."""
+        transforms, topics = Transforms(), tf_topics(bag)
         for topic in topics:
-            static = topic.rpartition("/")[2] == STATIC
+            kind = bag.topics()[topic][0]
             for message in bag.messages(topic):
-                for one in bag.decoded(message, bag.topics()[topic][0], f"{bag.path}: {topic}").transforms:
-                    stamp, place, turn = one.header.stamp, one.transform.translation, one.transform.rotation
-                    time = stamp.sec + 1e-9 * stamp.nanosec or 1e-9 * message.received
-                    key = plain(one.child_frame_id), plain(one.header.frame_id), static
-                    rows[key].extend((time, place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w))
-        links = dict[str, Link]()
-        for (child, parent, static), values in sorted(rows.items(), key=lambda item: len(item[1])):
-            if child in links:
-                others = some(sorted({links[child].parent, parent}))
-                warnings.warn(
-                    f"{bag.path}: TF has {child} twice, below {others}; {parent} counts", MosWarning, stacklevel=2
-                )
-            table = np.frombuffer(values, np.float64).reshape(-1, 8)
-            links[child] = Link(parent, table[:, 0], from_quaternions(table[:, 1:4], table[:, 4:]), static)
-        return cls(f"{bag.path}: {' and '.join(topics)}", links)
+                content = bag.decoded(message, kind, f"{bag.path}: {topic}")
+                transforms.add(content, message.received, is_static(topic))
+        return transforms.frames(f"{bag.path}: {' and '.join(topics)}", world)
 
     def chain(self, frame: str) -> list[str]:
         """`frame` and all above it. Raises PoseError where it goes round."""
@@ -95,14 +145,19 @@ class Frames:
         if frame is None:
             return f"{self.source}: not one frame moves, but none or several, of which `extrinsics` may be"
         chain = self.chain(frame)
-        if len(chain) > 1 and (self._moving(chain) or any(_name(one) in WORLDS for one in chain)):
+        if self._world is not None and self._world not in chain[1:]:
+            above = some(chain[1:], most=12) or "nothing"
+            return f"{self.source}: {self._world} (`world`) is not above {frame}, but {above}"
+        if len(chain) > 1 and (self._world or self._moving(chain) or any(_name(one) in WORLDS for one in chain)):
             return ""
         known = some(sorted({*self.links, *(link.parent for link in self.links.values())}), most=12) or "none"
         found = f"ends at {chain[-1]}, and nothing moves up to there" if len(chain) > 1 else "has nothing above it"
         return f"{self.source}: {chain[0]} {found}; there are the frames {known}"
 
     def world(self, frame: str) -> str:
-        """In which the poses of a frame are: `odom`, or else the highest, above something that moves."""
+        """In which the poses of a frame are: as chosen, or `odom`, or else the highest, above something that moves."""
+        if self._world is not None:
+            return self._world
         chain = self.chain(frame)
         above = chain[chain.index(self._moving(chain) or chain[-1]) :]
         return next((one for one in above if _name(one) in SMOOTH), chain[-1])
@@ -144,9 +199,24 @@ def tf_topics(bag: Bag) -> list[str]:
     return [topic for topic, (kind, count) in bag.topics().items() if kind in TF and count]
 
 
+def is_static(topic: str) -> bool:
+    """Whether the transforms of a topic hold for ever."""
+    return topic.rpartition("/")[2] == STATIC
+
+
 def plain(frame: str) -> str:
     """A frame's name without the slash that ROS 1 once put before it."""
     return frame.lstrip("/")
+
+
+def _leads(parent: str, above: dict[str, list[tuple[str, bool]]], world: str | None) -> bool:
+    """Whether the chosen world, or `odom`, is a frame or above it."""
+    seen, ahead = set[str](), [parent]
+    while ahead:
+        if (one := ahead.pop()) not in seen:
+            seen.add(one)
+            ahead += [other for other, _ in above.get(one, ())]
+    return world in seen if world is not None else any(_name(one) in SMOOTH for one in seen)
 
 
 def _name(frame: str) -> str:

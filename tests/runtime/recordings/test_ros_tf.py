@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from runtime.commands.main import main
-from runtime.errors import MosWarning, PoseError, SequenceError
+from runtime.errors import MosWarning, PoseError, SequenceError, SettingError
 from runtime.recordings.recording import Options
 from runtime.recordings.registry import open_recording
 from tests.support import street
@@ -131,8 +131,10 @@ def test_frames_that_go_round(write):
 
 def test_a_frame_below_two(write):
     """The one that is said more often counts."""
-    with pytest.warns(MosWarning, match="TF has base_link twice, below map, odom; odom counts"):
-        recording = open_recording(write(static(), moving(), lambda bag: bag.transform(DRIFT, 0.0, "map", "base_link")))
+    with pytest.warns(MosWarning, match="TF has base_link twice, below map, track; track counts"):
+        recording = open_recording(
+            write(static(), moving(parent="track"), lambda bag: bag.transform(DRIFT, 0.0, "map", "base_link"))
+        )
     np.testing.assert_allclose(recording.poses, DRIVE, atol=1e-6)
 
 
@@ -178,3 +180,46 @@ def test_odometry_of_another_frame(write):
 def test_transforms_are_no_clouds(write):
     with pytest.raises(SequenceError, match="has no poses on /nav"):
         open_recording(write(moving()), Options(pose_topic="/nav"))
+
+
+def jumping(bag):
+    """What a localiser says of base_link, less often than odometry does."""
+    for index in range(COUNT):
+        bag.transform((DRIFT if index < 3 else np.eye(4)) @ BASE[index], 0.1 * index, "map", "base_link")
+
+
+def test_odom_counts_where_a_map_says_it_more_often(write, caplog):
+    """A tree with base_link below both: odom goes smoothly, map jumps; the log says so, and `world` overrules it."""
+    caplog.set_level(logging.INFO, "lidar_mos")
+    path = write(static(), *[jumping] * 4, odometry_of)
+    recording = open_recording(path)
+    np.testing.assert_allclose(recording.poses, DRIVE, atol=1e-6)
+    assert "base_link twice, below map, odom; odom counts" in caplog.text
+    chosen = open_recording(path, Options(world="map"))
+    np.testing.assert_allclose(chosen.poses[0], DRIFT @ DRIVE[0], atol=1e-6)
+    assert "from map to lidar" in chosen.poses_from
+
+
+def odometry_of(bag):
+    for index in range(COUNT):
+        bag.transform(BASE[index], 0.1 * index, "odom", "base_link")
+
+
+def test_a_chosen_world(write, caplog):
+    caplog.set_level(logging.INFO, "lidar_mos")
+    path = write(moving(), static(), moving(np.array([DRIFT] * COUNT), "map", "odom"))
+    np.testing.assert_allclose(open_recording(path).poses, DRIVE, atol=1e-6)
+    assert "above it is map (`world`)" in caplog.text
+    np.testing.assert_allclose(open_recording(path, Options(world="/map")).poses, DRIFT @ DRIVE, atol=1e-6)
+    with pytest.raises(PoseError, match=r"moon \(`world`\) is not above lidar, but base_link, odom, map"):
+        open_recording(path, Options(world="moon"))
+
+
+def test_a_chosen_world_without_tf(write):
+    path = write(lambda bag: [bag.pose(pose, 0.1 * index) for index, pose in enumerate(DRIVE)])
+    with pytest.raises(PoseError, match=r"has no TF in which map could be \(`world`\)"):
+        open_recording(path, Options(world="map"))
+    with pytest.raises(SettingError, match="`world` is a frame of TF, and /odom"):
+        open_recording(path, Options(world="map", pose_topic="/odom"))
+    with pytest.raises(SettingError, match="`world` is a frame of TF"):
+        Options(world="map", poses=path)
