@@ -14,6 +14,7 @@ from runtime.errors import MosError
 GROUP = "lidar_mos.commands"  # of entry points by which other packages add commands
 BUILT_IN = {  # as entry points have it; in the order of `mos --help`
     "run": "runtime.commands.run:run",
+    "live": "runtime.commands.live:live",
     "clean": "runtime.commands.clean:clean",
     "view": "runtime.commands.view:view",
     "doctor": "runtime.commands.doctor:doctor",

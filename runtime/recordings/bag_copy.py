@@ -1,7 +1,6 @@
 """A copy of a bag in which clouds lack some of their points, and all other messages are byte for byte the same."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy.typing as npt
 
 from runtime.errors import MosError, OutputError
 from runtime.recordings.bag import Bag, Message
+from runtime.recordings.pointcloud2_edits import without
 from runtime.recordings.ros_topics import CLOUD
 
 UNKNOWN = "RIHS01_" + 64 * "0"  # digest of a type that a bag does not say
@@ -44,18 +44,6 @@ def copy_bag(bag: Bag, topic: str, folder: Path, kept: Iterator[tuple[int, npt.N
     except Exception as error:  # of rosbags, of SQLite: there is no common base
         raise OutputError(f"cannot write {path}: {type(error).__name__}: {error}") from error
     return path
-
-
-def without(cloud: Any, keep: npt.NDArray[np.bool_]) -> Any:
-    """A PointCloud2 of only some of its points (N,), with all their bytes: a row of them, were it organised."""
-    size, rows, width = cloud.point_step, cloud.height, cloud.width
-    if not rows * width:
-        return cloud
-    stride = cloud.row_step if rows > 1 else width * size
-    data = np.ascontiguousarray(cloud.data, np.uint8)
-    points = np.ndarray((rows, width, size), np.uint8, data, 0, (stride, size, 1)).reshape(-1, size)[keep]
-    count = len(points)
-    return replace(cloud, height=1, width=count, row_step=count * size, data=points.reshape(-1))
 
 
 def _writer(bag: Bag, path: Path) -> Any:

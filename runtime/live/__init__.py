@@ -1,0 +1,1 @@
+"""Labels while a ROS 2 system runs, over DDS."""
