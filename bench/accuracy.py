@@ -1,7 +1,7 @@
 """Accuracy of bundles through MosRunner, beside what needs no training and another tool: `python -m bench.accuracy`.
 
-Every bundle that ships with each of its post-processings, and with belief; the threshold on residuals; and, where it is
-installed, dynamic-object-removal. All of them see the same scans.
+Every bundle that ships with each of its post-processings, and with belief; the threshold on residuals; and, where they
+are installed, dynamic-object-removal and DUFOMap. All of them see the same scans.
 """
 
 import sys
@@ -168,7 +168,7 @@ def bench(
     if kitti is not None:
         sets["real 90"] = [real(kitti / "sequences/90")]
         alarms["real 00, frames 8-10"] = [real(kitti / "sequences/00", limit=11)]
-    others, left_out = peers()
+    others, left_out = peers(threads)
     systems = systems_of(loaded, threads, precision)
     systems |= {name: with_peer(peer) for name, peer in others.items()}
     rows: dict[str, dict[str, float | None]] = {name: {} for name in systems}

@@ -1,21 +1,19 @@
 """What is left of movers and of all else when a recording is cleaned: `python -m bench.cleaning --sequence SEQUENCE`.
 
-Beside DUFOMap (`pip install dufomap`, BSD), a tool that cleans whole recordings by what rays went through, run as its
-authors say: all scans first, voxels of 0.1 m, d_s 0.2, d_p 2. It wants no points at the origin.
+Beside DUFOMap (`pip install dufomap`), a tool that cleans whole recordings by what rays went through.
 """
 
-import importlib.util
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
+from bench.peers import DUFOMAP, dufomap, is_there
 from bench.report import save, show
-from bench.scans import entered
 from runtime import MosRunner
 from runtime.classes import MOVING, STATIC, to_classes
 from runtime.cleaning.votes import VOXEL, RecordingVotes
@@ -26,24 +24,6 @@ from runtime.predict import predict
 from runtime.recordings.labels import read_prediction
 from runtime.recordings.recording import Indexed
 from runtime.recordings.registry import open_recording
-
-DUFOMAP = "dufomap"
-Cleaner = Callable[[], Iterator[np.ndarray]]  # (N,) which points of each scan are left out
-
-
-def dufomap(recording: Indexed, threads: int) -> Iterator[np.ndarray]:
-    """The peer. Points that are not finite, or at the origin, stay."""
-    from dufomap import dufomap as make
-
-    tool = make(VOXEL, 0.2, 2, num_threads=threads)
-    scans = [(scan.points, scan.known_pose()) for scan in recording]
-    usable = [entered(points).takes_part for points, _ in scans]
-    for (points, pose), use in zip(scans, usable, strict=True):
-        tool.run(points[use], pose)
-    for (points, pose), use in zip(scans, usable, strict=True):
-        moving = np.zeros(len(points), bool)
-        moving[use] = tool.segment(points[use], pose) == 1
-        yield moving
 
 
 def accuracies(recording: Indexed, left_out: Iterator[np.ndarray]) -> dict[str, float]:
@@ -73,8 +53,10 @@ def bench(
             rows[f"{recording.name}: labels"] = accuracies(recording, (to_classes(one) == MOVING for one in found))
             votes = RecordingVotes(recording, labels)
             rows[f"{recording.name}: mos clean"] = accuracies(recording, (~keep for _, _, keep in votes.scans()))
-        if importlib.util.find_spec(DUFOMAP):
-            rows[f"{recording.name}: DUFOMap"] = accuracies(recording, dufomap(recording, threads))
+        if is_there(DUFOMAP):
+            scans = list(recording)
+            points, poses = [scan.points for scan in scans], [scan.known_pose() for scan in scans]
+            rows[f"{recording.name}: DUFOMap"] = accuracies(recording, dufomap(points, poses, threads))
     show("points that stay and go, %", rows)
     save(out, threads, {"bundle": runner.bundle.manifest.name, "voxel": VOXEL, "percent": rows})
 

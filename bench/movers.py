@@ -1,12 +1,13 @@
 """Which movers are found, by kind and by distance: `python -m bench.movers [--sequence SEQUENCE --first 8]`.
 
 The share of the moving points that are found, of each kind, of simulated test streets or of a labelled recording; and
-the IoU of the moving class by distance.
+the IoU of the moving class by distance. On simulated streets also by what the movers do: start, cross, go the sensor's
+way or come towards it.
 """
 
 import sys
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -15,6 +16,7 @@ import numpy as np
 import typer
 
 from bench.accuracy import STREETS, percent
+from bench.manners import MANNERS, manners
 from bench.report import save, show
 from mos_model.simulator import simulate
 from runtime import MosRunner
@@ -34,13 +36,14 @@ class Scan(NamedTuple):
     pose: np.ndarray  # (4, 4)
     labels: np.ndarray  # (N,) of SemanticKITTI
     scored: bool
+    manners: Mapping[int, str] = {}  # of the instances that move, where they are known
 
 
 def streets(sensor: str, count: int, frames: int, version: int) -> Iterator[list[Scan]]:
     """Simulated test streets."""
     for seed in range(STREETS, STREETS + count):
         drive = simulate(seed, HISTORY + frames, sensor, version=version)
-        yield [Scan(one.points, one.pose, one.labels, i >= HISTORY) for i, one in enumerate(drive)]
+        yield [Scan(one.points, one.pose, one.labels, k >= HISTORY, manners(drive, k)) for k, one in enumerate(drive)]
 
 
 def recorded(path: Path, first: int) -> Iterator[list[Scan]]:
@@ -56,7 +59,7 @@ def recorded(path: Path, first: int) -> Iterator[list[Scan]]:
 
 
 class Counts:
-    """Points by kind and distance: moving ones that were found or missed, and others that were called moving."""
+    """Points by kind, manner and distance: moving ones, found or missed, and others that were called moving."""
 
     def __init__(self) -> None:
         self.found: dict[str, np.ndarray] = defaultdict(lambda: np.zeros(len(EDGES) - 1, np.int64))
@@ -66,9 +69,13 @@ class Counts:
     def add(self, scan: Scan, moving: np.ndarray) -> None:
         """Count a scan."""
         distance = np.linalg.norm(scan.points[:, :3], axis=1)
-        classes, kind = to_classes(scan.labels), scan.labels & 0xFFFF
-        for name, (_, label) in [*KINDS.items(), ("all", (0, 0))]:
-            its = (classes == MOVING) & ((kind == label) | (name == "all"))
+        classes, kind, instance = to_classes(scan.labels), scan.labels & 0xFFFF, scan.labels >> 16
+        groups = {name: kind == label for name, (_, label) in KINDS.items()}
+        for name in MANNERS:
+            groups[name] = np.isin(instance, [one for one, its in scan.manners.items() if its == name])
+        groups["all"] = np.ones(len(kind), bool)
+        for name, group in groups.items():
+            its = (classes == MOVING) & group
             self.there[name] += np.histogram(distance[its], EDGES)[0]
             self.found[name] += np.histogram(distance[its & moving], EDGES)[0]
         self.false += np.histogram(distance[(classes == STATIC) & moving], EDGES)[0]
@@ -104,7 +111,7 @@ def bench(
     threads: int = 2,
     out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
 ) -> None:
-    """Recall of moving points by kind and distance, and IoU by distance (%)."""
+    """Recall of moving points by kind, manner and distance, and IoU by distance (%)."""
     counts = Counts()
     runner = MosRunner(bundle, threads=threads, sensor=sensor, belief=belief, delay=delay)
     name = sensor or runner.bundle.manifest.sensor.name
@@ -116,8 +123,9 @@ def bench(
                 counts.add(scan, result.moving)
     rows = counts.rows()
     show("moving points found, and IoU, %", rows)
-    setting = {"sensor": name, "streets": count, "frames": frames, "version": version, "belief": belief, "delay": delay}
-    save(out, threads, {**setting, "percent": rows})
+    simulated = {"seeds": [STREETS, STREETS + count - 1], "streets": count, "frames": frames, "version": version}
+    seen = {"recording": sequence.name} if sequence else simulated
+    save(out, threads, {"sensor": name, **seen, "belief": belief, "delay": delay, "percent": rows})
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""Other tools that find moving points without a GPU, run as their own documentation says, if they are installed."""
+"""Other tools that find moving points without a GPU, run as their own documentation says, if they are installed.
+
+They are run as they are on PyPI: dynamic-object-removal (MIT), DUFOMap (BSD).
+"""
 
 import importlib.metadata
 import importlib.util
@@ -7,25 +10,33 @@ from typing import Protocol
 
 import numpy as np
 
-STREAMING = "dynamic-object-removal"  # on PyPI, MIT licence; run as it is installed, nothing of it is copied here
+from bench.scans import entered
+from runtime.cleaning.votes import VOXEL
+
+STREAMING, DUFOMAP = "dynamic-object-removal", "dufomap"
 Clouds = list[np.ndarray]
 Peer = Callable[
     [Clouds, Clouds], Iterator[np.ndarray]
 ]  # scans (N, 4), poses T_world_lidar (4, 4) -> moving (N,) of each
 
 
-def peers() -> tuple[dict[str, Peer], dict[str, str]]:
+def peers(threads: int = 2) -> tuple[dict[str, Peer], dict[str, str]]:
     """The peers that can be run, by row; and the rows that are left out, with the reason.
 
     `RangeImageGhostFilter` is the filter of a stream of scans by their visibility, with its defaults (5 past scans,
     0.4 x 1 deg, 0.5 m). Its voxel filter wants three hits of 0.1 m voxels in five scans, which a driving sensor seldom
-    gives, and its other methods clean a whole map after the drive.
+    gives, and its other methods clean a whole map after the drive. `dufomap` is the other kind: it labels a scan by all
+    scans that it is given, later ones too.
     """
-    if not is_there(STREAMING):
-        return {}, {STREAMING: f"not installed: pip install {STREAMING}"}
-    from dynamic_object_removal import RangeImageGhostFilter
+    found: dict[str, Peer] = {}
+    if is_there(STREAMING):
+        from dynamic_object_removal import RangeImageGhostFilter
 
-    return {STREAMING: lambda scans, poses: streaming(RangeImageGhostFilter(), scans, poses)}, {}
+        found[STREAMING] = lambda scans, poses: streaming(RangeImageGhostFilter(), scans, poses)
+    if is_there(DUFOMAP):
+        found[DUFOMAP] = lambda scans, poses: dufomap(scans, poses, threads)
+    missing = (name for name in (STREAMING, DUFOMAP) if name not in found)
+    return found, {name: f"not installed: pip install {name}" for name in missing}
 
 
 def is_there(name: str) -> bool:
@@ -35,7 +46,7 @@ def is_there(name: str) -> bool:
 
 def versions() -> dict[str, str]:
     """Versions of the peers that are installed."""
-    return {STREAMING: importlib.metadata.version(STREAMING)} if is_there(STREAMING) else {}
+    return {name: importlib.metadata.version(name) for name in (STREAMING, DUFOMAP) if is_there(name)}
 
 
 class Filter(Protocol):
@@ -52,4 +63,22 @@ def streaming(tool: Filter, scans: Clouds, poses: Clouds) -> Iterator[np.ndarray
         _, stays = tool.filter(points, pose[:3, 3])
         moving = np.zeros(len(scan), bool)
         moving[finite] = ~stays
+        yield moving
+
+
+def dufomap(scans: Clouds, poses: Clouds, threads: int) -> Iterator[np.ndarray]:
+    """Labels by what rays went through, as its authors say: all scans first, voxels of 0.1 m, d_s 0.2, d_p 2.
+
+    It fails on points at the origin. These, and all others that take no part here, it is not given: they count as not
+    moving.
+    """
+    from dufomap import dufomap as make
+
+    tool = make(VOXEL, 0.2, 2, num_threads=threads)
+    usable = [entered(scan).takes_part for scan in scans]
+    for scan, pose, use in zip(scans, poses, usable, strict=True):
+        tool.run(scan[use, :3], pose)
+    for scan, pose, use in zip(scans, poses, usable, strict=True):
+        moving = np.zeros(len(scan), bool)
+        moving[use] = tool.segment(scan[use, :3], pose) == 1
         yield moving

@@ -12,7 +12,7 @@ import typer
 
 from bench import accuracy
 from bench.accuracy import Scan, score, shipped, with_peer, with_runner
-from bench.peers import STREAMING, peers, versions
+from bench.peers import DUFOMAP, STREAMING, peers, versions
 from tests.support import street
 from tests.support.paths import BUNDLE
 
@@ -80,7 +80,7 @@ def test_a_peer_that_is_not_installed_is_left_out_with_the_reason(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     found, left_out = peers()
     assert found == {}
-    assert left_out == {STREAMING: f"not installed: pip install {STREAMING}"}
+    assert left_out == {name: f"not installed: pip install {name}" for name in (STREAMING, DUFOMAP)}
     assert versions() == {}
 
 
@@ -98,15 +98,56 @@ def test_a_peer_gets_points_of_the_world_and_tells_what_moves(monkeypatch):
     tool = SimpleNamespace(RangeImageGhostFilter=Filter)
     monkeypatch.setitem(sys.modules, "dynamic_object_removal", tool)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: tool)
-    found, left_out = peers()
-    assert left_out == {}
+    found, _ = peers()
     pose = np.array([[0.0, -1, 0, 5], [1, 0, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]])
     scan = np.array([[np.nan, 0, 0, 0], [1, 0, 0, 0], [2, 0, 1, 0]], np.float32)
-    for peer in found.values():
-        (moving,) = with_peer(peer)([Scan(scan, pose, np.ones(3), True)])
-        np.testing.assert_array_equal(moving, [False, True, False])
-        np.testing.assert_array_equal(calls[0][0], [[5, 7, 7], [5, 8, 8]])
-        np.testing.assert_array_equal(calls[0][1], [5, 6, 7])
+    (moving,) = with_peer(found[STREAMING])([Scan(scan, pose, np.ones(3), True)])
+    np.testing.assert_array_equal(moving, [False, True, False])
+    np.testing.assert_array_equal(calls[0][0], [[5, 7, 7], [5, 8, 8]])
+    np.testing.assert_array_equal(calls[0][1], [5, 6, 7])
+
+
+def test_dufomap_sees_all_scans_first_and_no_point_at_the_origin(monkeypatch):
+    seen = []
+
+    class Tool:
+        def __init__(self, *settings, num_threads):
+            assert num_threads == 3
+
+        def run(self, points, pose):
+            assert points.shape[1] == 3
+            assert np.linalg.norm(points, axis=1).min() > 0  # NaN fails, too
+            seen.append(pose[0, 3])
+
+        def segment(self, points, pose):
+            assert seen == [0, 1]
+            return (points[:, 0] > 3).astype(np.uint8)
+
+    tool = SimpleNamespace(dufomap=Tool)
+    monkeypatch.setitem(sys.modules, "dufomap", tool)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: tool if name == "dufomap" else None)
+    scan = np.array([[0, 0, 0, 0], [5, 0, 0, 0], [np.nan, 0, 0, 0], [2, 0, 0, 0], [9, 0, 1, 0]], np.float32)
+    poses = [np.eye(4), np.eye(4)]
+    poses[1][0, 3] = 1
+    found, left_out = peers(threads=3)
+    assert list(left_out) == [STREAMING]
+    for moving in with_peer(found[DUFOMAP])([Scan(scan, pose, np.ones(5), True) for pose in poses]):
+        np.testing.assert_array_equal(moving, [False, True, False, False, True])
+
+
+def test_dufomap_itself_finds_what_drives_by():
+    pytest.importorskip("dufomap")
+    box = np.stack(np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 1, 12), np.linspace(-1, 0, 9), [0]), -1)
+    car, scans = box.reshape(-1, 4).astype(np.float32), []
+    for t, pose in enumerate(street.drive(5)):
+        points = street.scan(pose, street.boxes(), rows=32, columns=360)
+        points[0] = 0
+        points = np.concatenate([points, car + np.float32([6 + 1.5 * t, 0, 0, 0])])
+        scans.append(Scan(points, pose, np.ones(len(points)), True))
+    first, *_ = with_peer(peers()[0][DUFOMAP])(scans)
+    assert first[-len(car) :].mean() > 0.5
+    assert first[: -len(car)].mean() < 0.05
+    assert not first[0]
 
 
 def test_streets_are_those_of_the_sensor_of_the_bundles(tmp_path, monkeypatch):
@@ -121,7 +162,7 @@ def test_streets_are_those_of_the_sensor_of_the_bundles(tmp_path, monkeypatch):
         return []
 
     monkeypatch.setattr(accuracy, "simulate", simulate)
-    monkeypatch.setattr(accuracy, "peers", lambda: ({}, {}))
+    monkeypatch.setattr(accuracy, "peers", lambda threads: ({}, {}))
     accuracy.bench([other], streets=1, frames=1, quiet=1, threads=1)
     assert asked == ["vlp16", "vlp16"]
     with pytest.raises(typer.BadParameter, match="vlp16"):
@@ -130,7 +171,7 @@ def test_streets_are_those_of_the_sensor_of_the_bundles(tmp_path, monkeypatch):
 
 def test_the_file_keeps_its_keys(tmp_path, monkeypatch):
     monkeypatch.setattr(accuracy, "simulated", lambda *a, **k: [drive])
-    monkeypatch.setattr(accuracy, "peers", lambda: ({}, {"other": "not here"}))
+    monkeypatch.setattr(accuracy, "peers", lambda threads: ({}, {"other": "not here"}))
     monkeypatch.setattr(
         accuracy, "residual_threshold", lambda _: lambda scans: (np.zeros(len(scan.points), bool) for scan in scans)
     )
