@@ -29,6 +29,7 @@ class Wanted:
     cloud: bool = False  # clouds in which each point says whether it moves
     clean: bool = False  # the recording without what moves
     map: bool = False  # a point for each voxel in which something stands still
+    bag: bool = False  # a copy of a bag in which each point says whether it moves
     picture: bool = False  # of the map from above, where Pillow is installed
     form: str | None = None  # of clouds; None: PLY, and of clean ones the recording's own
     voxel: float = 0.1  # m
@@ -50,13 +51,20 @@ def label(
     given: "Indexed", runner: "MosRunner", options: "Options", out: Path, *, overwrite: bool, wanted: Wanted
 ) -> None:
     """All of it, of one recording."""
+    from runtime.cleaning.labelled_bag import Probabilities
     from runtime.cleaning.labelled_clouds import LabelledClouds
     from runtime.doctor.sensor_of import in_own_frame, sensor_of
     from runtime.predict import predictions_folder
 
+    if wanted.bag:
+        given.check_takes_labels()  # before anything is labelled
     labels = predictions_folder(out, given)
     recording = with_found_poses(given, options, labels.parent)
-    outputs = [LabelledClouds(labels.with_name("clouds"), wanted.form or "ply")] if wanted.cloud else []
+    outputs: list[Output] = []
+    if wanted.cloud:
+        outputs.append(LabelledClouds(labels.with_name("clouds"), wanted.form or "ply"))
+    if wanted.bag:
+        outputs.append(Probabilities(labels.with_name("probabilities")))
     chosen = sensor_of(recording, runner.bundle.manifest, runner.settings.profile)
     told = _warn_of_misfits(in_own_frame(recording, chosen), chosen.entry.range_image, options.skip_broken)
     with warnings.catch_warnings():
@@ -64,10 +72,25 @@ def label(
             warnings.filterwarnings("ignore", f"{topic}: ", MosWarning)  # the runner's own word on it
         summary = predict_with_progress(recording, runner, out, overwrite, options.skip_broken, outputs)
     show_summary(recording.name, summary)
-    if outputs:
+    if wanted.cloud:
         show_line(f"clouds: {labels.with_name('clouds')}")
+    if wanted.bag:
+        write_bag(recording, labels)
     if wanted.clean or wanted.map:
         write_left(recording, labels, wanted)
+
+
+def write_bag(recording: "Indexed", labels: Path) -> None:
+    """A copy of the bag that a recording is from, with labels, beside the folder of its labels."""
+    from runtime.cleaning.labelled_bag import Probabilities, write_labelled_bag
+    from runtime.commands.progress import counted
+
+    folder = labels.with_name("bag")
+    with counted(f"{recording.name} with labels") as progress:
+        count = write_labelled_bag(
+            recording, labels, Probabilities(labels.with_name("probabilities")), folder, progress
+        )
+    show_line(f"bag with labels: {folder}, {count} clouds")
 
 
 def write_left(recording: "Indexed", labels: Path, wanted: Wanted) -> None:

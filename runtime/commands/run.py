@@ -72,7 +72,7 @@ def run(
         list[Write] | None,
         typer.Option(
             help="Beside labels, cloud: clouds with fields moving and probability; clean: the recording without what "
-            "moves; map: a static map. May be repeated.",
+            "moves; map: a static map; bag: a copy of a bag whose clouds have these fields. May be repeated.",
             show_default="label",
         ),
     ] = None,

@@ -15,6 +15,7 @@ class Write(StrEnum):
     CLOUD = "cloud"
     CLEAN = "clean"
     MAP = "map"
+    BAG = "bag"
 
 
 class CloudFormat(StrEnum):
@@ -49,6 +50,7 @@ def wanted_of(write: set[str], form: CloudFormat | None, voxel: float | None, pi
         cloud=Write.CLOUD in write,
         clean=Write.CLEAN in write,
         map=Write.MAP in write,
+        bag=Write.BAG in write,
         picture=picture,
         form=None if form is None else form.value,
         voxel=Wanted.voxel if voxel is None else voxel,

@@ -39,6 +39,14 @@ class Around(Indexed):
     def write_kept(self, folder: Path, kept: Iterator[tuple[int, npt.NDArray[np.bool_]]]) -> None:
         self.within.write_kept(folder, kept)
 
+    def check_takes_labels(self) -> None:
+        self.within.check_takes_labels()
+
+    def write_labelled(
+        self, folder: Path, labelled: Iterator[tuple[int, npt.NDArray[np.bool_], npt.NDArray[np.float32]]]
+    ) -> None:
+        self.within.write_labelled(folder, labelled)
+
     def other_poses(self) -> dict[str, Poses]:
         return self.within.other_poses()
 

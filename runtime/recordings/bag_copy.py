@@ -1,29 +1,27 @@
-"""A copy of a bag in which clouds lack some of their points, and all other messages are byte for byte the same."""
+"""A copy of a bag in which clouds are changed, and all other messages are byte for byte the same."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from runtime.errors import MosError, OutputError
+from runtime.errors import MosError, OutputError, SettingError
 from runtime.recordings.bag import Bag, Message
-from runtime.recordings.pointcloud2_edits import without
+from runtime.recordings.old_rosbags import is_old
 from runtime.recordings.ros_topics import CLOUD
 
 UNKNOWN = "RIHS01_" + 64 * "0"  # digest of a type that a bag does not say
-NO_MORE = (-1, np.empty(0, np.bool_))
+Edit = Callable[[Any, str], Any]  # from a PointCloud2, and what to call it in messages, to another
+NO_MORE: tuple[int, Edit] = (-1, lambda cloud, where: cloud)
 
 
-def copy_bag(bag: Bag, topic: str, folder: Path, kept: Iterator[tuple[int, npt.NDArray[np.bool_]]]) -> Path:
+def copy_bag(bag: Bag, topic: str, folder: Path, changed: Iterator[tuple[int, Edit]]) -> Path:
     """Copy a bag into `folder`, as a file .bag, or as a folder of the kind that it is. What was compressed is no more.
 
-    kept: the numbers of clouds of `topic`, in order, and which of their points (N,) stay; clouds that are not there are
-    left out. Raises OutputError, ScanError.
+    changed: the numbers of clouds of `topic`, in order, and what becomes of them; clouds that are not there are left
+    out. Raises OutputError, ScanError, SettingError.
     """
     path = folder / bag.path.name if bag.ros1 else folder / bag.path.stem
-    number, (wanted, keep) = -1, next(kept, NO_MORE)
+    number, (wanted, edit) = -1, next(changed, NO_MORE)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with _writer(bag, path) as writer:
@@ -35,9 +33,9 @@ def copy_bag(bag: Bag, topic: str, folder: Path, kept: Iterator[tuple[int, npt.N
                     number += 1
                     if number != wanted:
                         continue
-                    cloud = bag.decoded(Message(time, data), CLOUD, f"{bag.path}: scan {number} of {topic}")
-                    data = bag.encoded(without(cloud, keep), CLOUD)
-                    wanted, keep = next(kept, NO_MORE)
+                    where = f"{bag.path}: scan {number} of {topic}"
+                    data = bag.encoded(edit(bag.decoded(Message(time, data), CLOUD, where), where), CLOUD)
+                    wanted, edit = next(changed, NO_MORE)
                 writer.write(connections[_key(connection)], time, data)
     except (MosError, OSError):
         raise
@@ -52,6 +50,13 @@ def _writer(bag: Bag, path: Path) -> Any:
     if bag.ros1:
         return rosbag1.Writer(path)
     mcap = any(file.suffix == ".mcap" for file in ([bag.path] if bag.path.is_file() else bag.path.iterdir()))
+    if is_old():
+        if mcap or bag.path.is_file():
+            raise SettingError(
+                f"{bag.path}: this rosbags, to which ouster-sdk holds, copies neither MCAP nor single files; use a "
+                "folder of .db3, or a newer rosbags in an environment of its own"
+            )
+        return rosbag2.Writer(path)
     plugin = rosbag2.StoragePlugin.MCAP if mcap else rosbag2.StoragePlugin.SQLITE3
     return rosbag2.Writer(path, version=8, storage_plugin=plugin)
 
@@ -62,7 +67,8 @@ def _key(connection: Any) -> tuple[str, str, str]:
 
 def _added(writer: Any, connection: Any, ros1: bool) -> Any:
     """The same topic, of the same type and quality, in the copy."""
-    topic, kind, definition, extra = connection.topic, connection.msgtype, connection.msgdef.data, connection.ext
+    topic, kind, definition, extra = connection.topic, connection.msgtype, connection.msgdef, connection.ext
+    definition = getattr(definition, "data", definition)  # rosbags 0.9 has it as it is
     if ros1:
         return writer.add_connection(
             topic, kind, msgdef=definition, md5sum=connection.digest, callerid=extra.callerid, latching=extra.latching

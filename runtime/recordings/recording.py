@@ -152,6 +152,20 @@ class Indexed(Recording, Protocol):
         """
         raise SettingError(f"{self.source}: its format cannot be written; choose another (`format='ply'`)")
 
+    def check_takes_labels(self) -> None:
+        """Raises SettingError unless `write_labelled` can write it."""
+        raise SettingError(f"{self.source}: is no bag; labels go into clouds of their own (`write='cloud'`)")
+
+    def write_labelled(
+        self, folder: Path, labelled: Iterator[tuple[int, npt.NDArray[np.bool_], npt.NDArray[np.float32]]]
+    ) -> None:
+        """Write the recording into a new folder, in its own format, its points with labels, and all else as it is.
+
+        labelled: the numbers of scans, in order, which of their points (N,) move, and with which probability (N,);
+        scans that are not there have none. Raises as `check_takes_labels`, and OutputError.
+        """
+        self.check_takes_labels()
+
     def other_poses(self) -> dict[str, Poses]:
         """What the poses would be (T, 4, 4) if meant otherwise: "inverse", or of "camera" or "lidar" instead."""
         return {} if self.poses is None else {"inverse": np.linalg.inv(self.poses).astype(np.float64)}

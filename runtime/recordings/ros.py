@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from runtime.errors import PoseError, ScanError
+from runtime.errors import PoseError, ScanError, SettingError
 from runtime.recordings.bag import Bag, Message, is_bag
-from runtime.recordings.bag_copy import copy_bag
+from runtime.recordings.bag_copy import Edit, copy_bag
 from runtime.recordings.cloud import Cloud
 from runtime.recordings.point_times import PointTimes
 from runtime.recordings.pointcloud2 import to_cloud
+from runtime.recordings.pointcloud2_edits import ADDED, with_labels, without
 from runtime.recordings.pose_files import ScanPoses, Times, read_file_poses
 from runtime.recordings.poses import Poses
 from runtime.recordings.recording import Indexed, Options, Scan
@@ -69,7 +70,31 @@ class RosRecording(Indexed):
         return self._stamps.counts[index]
 
     def write_kept(self, folder: Path, kept: Iterator[tuple[int, npt.NDArray[np.bool_]]]) -> None:
-        copy_bag(self._bag, self._topic, folder, kept)
+        def left(keep: npt.NDArray[np.bool_]) -> Edit:
+            return lambda cloud, _: without(cloud, keep)
+
+        copy_bag(self._bag, self._topic, folder, ((index, left(keep)) for index, keep in kept))
+
+    def check_takes_labels(self) -> None:
+        message = next(self._messages(0))
+        for name in (one.name for one in self._bag.decoded(message, CLOUD, self.source).fields):
+            if name in ADDED:
+                raise SettingError(
+                    f"{self.source}: its clouds have a field {name} already; give the bag without labels"
+                )
+
+    def write_labelled(
+        self, folder: Path, labelled: Iterator[tuple[int, npt.NDArray[np.bool_], npt.NDArray[np.float32]]]
+    ) -> None:
+        def told(moving: npt.NDArray[np.bool_], probability: npt.NDArray[np.float32]) -> Edit:
+            return lambda cloud, where: with_labels(cloud, moving, probability, where)
+
+        copy_bag(
+            self._bag,
+            self._topic,
+            folder,
+            ((index, told(moving, probability)) for index, moving, probability in labelled),
+        )
 
     def other_poses(self) -> dict[str, Poses]:
         return {} if self._poses is None else self._poses.others()

@@ -133,3 +133,14 @@ class BagWriter:
 def single_file(path: Path) -> Path:
     """The file in a folder that is a bag of ROS 2; a bag of ROS 1 itself."""
     return path if path.is_file() else next(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
+
+
+def messages(path: Path) -> dict[tuple[str, str, str], list[tuple[int, bytes]]]:
+    """All messages by topic: time and content."""
+    from rosbags.highlevel import AnyReader
+
+    found = {}
+    with AnyReader([path]) as reader:
+        for connection, time, data in reader.messages():
+            found.setdefault((connection.topic, connection.msgtype, connection.digest), []).append((time, bytes(data)))
+    return found
