@@ -1,8 +1,7 @@
 """Poses that were found, in files beside the labels: for other tools, and for the next run."""
 
-import hashlib
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -10,23 +9,13 @@ import numpy as np
 from runtime.errors import MosError, OutputError
 from runtime.files import write_whole
 from runtime.odometry.located import Digest, FoundPoses, Progress, readable
+from runtime.recordings.breaks import KITTI, NOTE, Note, digest_of, read_note
 from runtime.recordings.pose_table import read_pose_table
 from runtime.recordings.recording import Indexed
 from runtime.recordings.rotations import quaternions_of_matrices
-from runtime.typed_json import build, read_json
 
-KITTI, TUM, CALIB, NOTE = "poses.txt", "poses.tum", "calib.txt", "odometry.json"
+TUM, CALIB = "poses.tum", "calib.txt"
 IDENTITY = "Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n"  # with it, the LiDAR's own poses are those of KITTI's camera
-
-
-@dataclass(frozen=True)
-class Note:
-    """What the poses beside it are."""
-
-    odometry: str  # its name
-    scans: str  # `Digest` of those that they are of
-    poses: str  # digest of the file KITTI
-    lost: dict[str, str] = field(default_factory=dict)  # see `Scan.lost`, by the scan's key
 
 
 def check_place(folder: Path) -> None:
@@ -47,25 +36,25 @@ def write_poses(folder: Path, found: FoundPoses, recording: Indexed) -> None:
     known = np.isfinite(found.poses).all((1, 2))
     turns = quaternions_of_matrices(found.poses[known, :3, :3])
     rows = np.column_stack([times[known], found.poses[known, :3, 3], turns])
+    tum = "".join(map(_line, rows)).encode()
     check_place(folder)
     _write_note(folder, Note(found.odometry, found.scans, ""))  # it must not speak of other poses
     write_whole(folder / KITTI, kitti)
-    write_whole(folder / TUM, "".join(map(_line, rows)).encode())
+    write_whole(folder / TUM, tum)
     write_whole(folder / CALIB, IDENTITY.encode())
     lost = {recording.keys[index]: why for index, why in found.lost.items()}
-    _write_note(folder, Note(found.odometry, found.scans, _digest(kitti), lost))
+    _write_note(folder, Note(found.odometry, found.scans, digest_of(kitti), lost, digest_of(tum)))
 
 
 def read_poses(
     folder: Path, recording: Indexed, odometry: str, deskew: bool, on_progress: Progress = lambda done, total: None
 ) -> FoundPoses | None:
     """What `write_poses` wrote, if it is of this odometry and of all scans of the recording as they are now."""
-    if not (folder / NOTE).is_file():
+    if (note := read_note(folder)) is None:
         return None
     try:
-        note = build(Note, read_json(folder / NOTE, OutputError), str(folder / NOTE))
         poses = read_pose_table(folder / KITTI).poses
-        same = note.poses == _digest((folder / KITTI).read_bytes())
+        same = note.poses == digest_of((folder / KITTI).read_bytes())
     except (MosError, OSError):  # cut off, or by another version: they are found anew
         return None
     if not same or note.odometry != odometry or len(poses) != len(recording):
@@ -84,7 +73,3 @@ def _write_note(folder: Path, note: Note) -> None:
 
 def _line(numbers: np.ndarray) -> str:
     return " ".join(repr(float(number)) for number in numbers) + "\n"
-
-
-def _digest(data: bytes) -> str:
-    return hashlib.blake2b(data, digest_size=16).hexdigest()

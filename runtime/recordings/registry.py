@@ -8,6 +8,7 @@ from typing import Protocol
 
 from runtime.errors import NoPosesError, SequenceError, SettingError, some
 from runtime.recordings import argoverse, folder, kitti, ouster_files, ros, single, velodyne_files
+from runtime.recordings.breaks import with_breaks
 from runtime.recordings.deskewed import deskewing
 from runtime.recordings.recording import DEFAULTS, Indexed, Options
 
@@ -52,6 +53,7 @@ class Found:
             if options.given_poses != "optional":
                 raise
             recording = self.reader.open_at(self.path, replace(options, given_poses="ignored"))
+        recording = with_breaks(recording, options)
         return deskewing(recording) if options.deskew else recording
 
 
