@@ -1,7 +1,6 @@
 """`mos view`: pictures of what moves."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -28,6 +27,7 @@ from runtime.commands.options import (
 )
 from runtime.commands.output import show_line
 from runtime.commands.recordings import recording_options, with_found_poses
+from runtime.commands.runner_options import DEFAULTS, Body, Nearest, corners
 from runtime.errors import SettingError
 
 LEAD = 40  # scans before the first that is shown: those that its labels depend on, and some to find the poses by
@@ -54,7 +54,9 @@ def view(
     out: Annotated[
         Path, typer.Option(metavar="FILE", help="Picture .png, animation .gif, or 3D recording .rrd for Rerun.")
     ] = Path("view.png"),
-    show: Annotated[bool, typer.Option("--show", help="Open the recording in Rerun's viewer.")] = False,
+    show: Annotated[
+        bool, typer.Option("--show", help="Play the recording in Rerun's viewer while it is made.")
+    ] = False,
     bundle: Bundle = None,
     sensor: OwnSensor = None,
     threads: Annotated[int | None, typer.Option(min=1, help="Threads to use.", show_default="2")] = None,
@@ -72,6 +74,8 @@ def view(
     remission_scale: RemissionScale = None,
     odometry: Odometry = None,
     no_deskew: NoDeskew = False,
+    nearest: Nearest = DEFAULTS.nearest,
+    body: Body = None,
 ) -> None:
     """Draw what moves: found, missed and false movers where there are labels (extra 'view')."""
     suffix = out.suffix.lower()
@@ -79,10 +83,18 @@ def view(
         raise typer.BadParameter(f"--count is for a .gif or .rrd, and {out} shows one scan, chosen by --scan")
     if show and suffix != ".rrd":
         raise typer.BadParameter(f"--show opens 3D recordings, and {out} is none: let --out end with .rrd")
-    if predictions is not None and (bundle, sensor, threads) != (None, None, None):
+    if predictions is not None and (bundle, sensor, threads, body, nearest) != (
+        None,
+        None,
+        None,
+        None,
+        DEFAULTS.nearest,
+    ):
         raise typer.BadParameter(
-            "--bundle, --sensor and --threads are for what a bundle says now, and --predictions are there"
+            "--bundle, --sensor, --threads, --nearest and --body are for what a bundle says now, and --predictions are "
+            "there"
         )
+    box = None if body is None else corners(body)
     given = None if sensor is None else opened_sensor(sensor)
 
     from runtime.commands.progress import counted
@@ -122,11 +134,12 @@ def view(
             sensor=given,
             threads=threads or 2,
             deskew=not no_deskew,
+            nearest=nearest,
+            body=box,
+            show=show,
             on_progress=progress,
         )
     show_line(str(out))
-    if show:
-        subprocess.Popen([sys.executable, "-m", "rerun", str(out)], start_new_session=True)
 
 
 def check_display(recording: str | Path) -> None:

@@ -25,6 +25,9 @@ def draw(
     sensor: str | Path | Sensor | None = None,
     threads: int = 2,
     deskew: bool = True,
+    nearest: float = 0.0,
+    body: tuple[float, ...] | None = None,
+    show: bool = False,
     on_progress: Callable[[int, int], object] = lambda done, total: None,
 ) -> int:
     """Write the picture `out` of a recording; the number of scans in it.
@@ -34,6 +37,8 @@ def draw(
     compare: such files of a second system, shown beside the first.
     scan: position in the recording, from 0: of the one scan of a .png (None: in the middle), of the first one of
         `count` scans (None: COUNT) of a .gif or .rrd (None: 0).
+    nearest, body: see `RunnerSettings`.
+    show: an .rrd is played in Rerun's viewer while it is made.
 
     Raises SettingError, SequenceError, MissingPackageError, OutputError and what a runner raises.
     """
@@ -45,14 +50,15 @@ def draw(
     if predictions is None:
         from runtime.runner import MosRunner
 
-        systems.insert(0, Live(MosRunner(bundle, threads=threads, sensor=sensor, deskew=deskew), recording))
+        given = {"threads": threads, "sensor": sensor, "deskew": deskew, "nearest": nearest, "body": body}
+        systems.insert(0, Live(MosRunner(bundle, **given), recording))
 
     def reported() -> Iterator[Snapshot]:
         for done, one in enumerate(snapshots(recording, systems, chosen)):
             on_progress(done, len(chosen))
             yield one
 
-    shown = write_picture(out, reported())
+    shown = write_picture(out, reported(), show)
     on_progress(shown, len(chosen))
     return shown
 

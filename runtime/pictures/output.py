@@ -31,10 +31,11 @@ def check_output(path: str | Path) -> str:
     return suffix
 
 
-def write_picture(path: str | Path, shown: Iterable[Snapshot]) -> int:
+def write_picture(path: str | Path, shown: Iterable[Snapshot], show: bool = False) -> int:
     """Write snapshots to a .png (the first one), .gif or .rrd (all of them); the number of scans that it shows.
 
-    Snapshots are taken one at a time. Raises as `check_output`, SequenceError without a snapshot, OutputError.
+    Snapshots are taken one at a time. show: an .rrd is played in Rerun's viewer meanwhile. Raises as `check_output`,
+    SequenceError without a snapshot, OutputError.
     """
     path = Path(path)
     suffix = check_output(path)
@@ -43,9 +44,9 @@ def write_picture(path: str | Path, shown: Iterable[Snapshot]) -> int:
     if first is None:
         raise SequenceError(f"{path}: there is no scan to show")
     if suffix == ".rrd":
-        from runtime.pictures.rerun_file import record
+        from runtime.pictures.rerun_file import open_viewer, record
 
-        return record(path, chain([first], scans))
+        return record(path, chain([first], scans), [open_viewer()] if show else [])
     data = io.BytesIO()
     count = 1
     if suffix == ".png":

@@ -1,6 +1,8 @@
 """A recording of scans, labels and poses on a timeline, for the 3D viewer Rerun."""
 
-from collections.abc import Iterable
+import os
+import sysconfig
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from runtime.errors import OutputError
 from runtime.files import replacing
 from runtime.pictures.snapshot import Snapshot
 from runtime.pictures.verdict import BACKGROUND, CAR_PAINT, COLOURS, STILL, verdict
@@ -19,8 +22,23 @@ TABLE = np.array([COLOURS[kind] for kind in sorted(COLOURS)], np.uint8)  # by ki
 SIZES = np.where(np.arange(len(COLOURS)) > STILL, 3.0, 1.5)  # of points, by kind, in pixels of the screen
 
 
-def record(path: Path, shown: Iterable[Snapshot]) -> int:
+def open_viewer() -> rr.RecordingStream:
+    """What Rerun's viewer plays as it comes: it is opened, unless it is open already. Raises OutputError."""
+    stream, path = rr.RecordingStream("lidar-mos"), os.environ.get("PATH", "")
+    os.environ["PATH"] = os.pathsep.join([sysconfig.get_path("scripts"), path])  # where `rerun` was installed
+    try:
+        stream.spawn()
+    except RuntimeError as error:
+        raise OutputError(f"Rerun's viewer cannot be opened: {error}") from error
+    finally:
+        os.environ["PATH"] = path
+    return stream
+
+
+def record(path: Path, shown: Iterable[Snapshot], viewers: Sequence[rr.RecordingStream] = ()) -> int:
     """Write snapshots to an .rrd file, one at a time; how many there were. Raises OutputError.
+
+    viewers: are shown each as soon as it is there.
 
     Entities: world/path, world/lidar (the pose), below that a car, the points as each system sees them, in the colours
     of `verdict`, and as the labels do.
@@ -30,18 +48,26 @@ def record(path: Path, shown: Iterable[Snapshot]) -> int:
         stream = rr.RecordingStream("lidar-mos")
         made = rr.binary_stream(stream)  # in memory: Rerun's own writer of files swallows what a full disk says
         try:
-            stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
             for snapshot in shown:
                 places.append(snapshot.pose[:3, 3])
-                stream.set_time(TIMELINE, sequence=snapshot.index)
-                stream.log(PATH, rr.LineStrips3D([np.array(places)], colors=[CAR_PAINT]))
-                views = _log_scan(stream, snapshot)
-                if len(places) == 1:
-                    stream.send_blueprint(_layout(views))
+                for one in (stream, *viewers):
+                    _log(one, snapshot, places)
             file.write(made.read() or b"")  # once: every reading is a whole file of its own
         finally:
-            stream.disconnect()
+            for one in (stream, *viewers):
+                one.disconnect()
     return len(places)
+
+
+def _log(stream: rr.RecordingStream, snapshot: Snapshot, places: list[NDArray[np.float64]]) -> None:
+    """The next scan, and the path up to there."""
+    if len(places) == 1:
+        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    stream.set_time(TIMELINE, sequence=snapshot.index)
+    stream.log(PATH, rr.LineStrips3D([np.array(places)], colors=[CAR_PAINT]))
+    views = _log_scan(stream, snapshot)
+    if len(places) == 1:
+        stream.send_blueprint(_layout(views))
 
 
 def _log_scan(stream: rr.RecordingStream, snapshot: Snapshot) -> list[str]:

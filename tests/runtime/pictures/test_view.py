@@ -12,6 +12,7 @@ from runtime.commands.main import main
 from runtime.errors import InferenceError, SequenceError, SettingError
 from runtime.pictures import write_picture
 from runtime.pictures.drawing import draw
+from runtime.pictures.snapshot import Snapshot
 from runtime.pictures.verdict import COLOURS, FALSE_ALARM, FOUND, MISSED
 from runtime.recordings.labels import read_truth, write_labels
 from runtime.recordings.registry import open_recording
@@ -119,6 +120,42 @@ def test_an_error_of_the_network_is_not_taken_for_one_of_the_file(tmp_path):
     with pytest.raises(InferenceError, match="the image network failed"):
         recording.record(tmp_path / "a.rrd", failing())
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_takes_no_part_is_not_drawn_as_moving(tmp_path, predictions, monkeypatch, capsys):
+    """As in `mos run`: within a box around all there is, nothing moves."""
+    monkeypatch.setenv("COLUMNS", "200")
+    out, box = tmp_path / "a.png", "-999,-999,-999,999,999,999"
+    for options, drawn in (((), True), (("--body", box), False)):
+        assert view("--bundle", TINY / "bundle", "--out", out, *options) == 0
+        with Image.open(out) as image:
+            pixels = np.asarray(image.convert("RGB")).astype(int)[50:]
+        found = [(np.abs(pixels - COLOURS[kind]).sum(2) < 12).any() for kind in (FOUND, FALSE_ALARM)]
+        assert any(found) == drawn
+    assert view("--predictions", predictions / "right", "--out", out, "--body", box) == 2
+    assert "--nearest and --body are for what a bundle says now" in capsys.readouterr().err
+
+
+def test_a_viewer_is_shown_each_scan_as_soon_as_it_is_there(tmp_path):
+    recording = pytest.importorskip("runtime.pictures.rerun_file")
+    rerun, chunk = pytest.importorskip("rerun"), pytest.importorskip("rerun.chunk")
+    viewer = rerun.RecordingStream("viewer")
+    seen = rerun.binary_stream(viewer)
+
+    def scans_in(data):
+        (tmp_path / "seen.rrd").write_bytes(data)
+        parts = chunk.RrdReader(tmp_path / "seen.rrd").stream().to_chunks()
+        times = [part.to_record_batch().column("scan").to_pylist() for part in parts if "scan" in part.timeline_names]
+        return {one for some in times for one in some}
+
+    def played():
+        for index in range(3):
+            points = np.ones((5, 3), np.float32) * index
+            yield Snapshot("07", index, f"{index}", points, np.eye(4), None, {"mine": np.zeros(5, bool)})
+            assert index in scans_in(seen.read())
+
+    assert recording.record(tmp_path / "a.rrd", played(), [viewer]) == 3
+    assert scans_in((tmp_path / "a.rrd").read_bytes()) == {0, 1, 2}
 
 
 @pytest.mark.parametrize(
