@@ -50,8 +50,8 @@ def draw(
     if predictions is None:
         from runtime.runner import MosRunner
 
-        given = {"threads": threads, "sensor": sensor, "deskew": deskew, "nearest": nearest, "body": body}
-        systems.insert(0, Live(MosRunner(bundle, **given), recording))
+        runner = MosRunner(bundle, threads=threads, sensor=sensor, deskew=deskew, nearest=nearest, body=body)
+        systems.insert(0, Live(runner, recording))
 
     def reported() -> Iterator[Snapshot]:
         for done, one in enumerate(snapshots(recording, systems, chosen)):
