@@ -1,10 +1,8 @@
 """`MosRunner`: scan and pose in, a label for every point out."""
 
 import logging
-import threading
 import warnings
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -22,6 +20,8 @@ from runtime.compute.jit import is_cached
 from runtime.compute.quota import available_processors
 from runtime.compute.sessions import provider_name
 from runtime.compute.stopwatch import Stopwatch
+from runtime.compute.turns import Turns
+from runtime.compute.undisturbed import undisturbed
 from runtime.compute.workers import Workers
 from runtime.doctor.watch import Look, Watch
 from runtime.errors import InferenceError, MosWarning
@@ -39,6 +39,8 @@ from runtime.recordings.scans import check_scan
 from runtime.settings import RunnerSettings
 
 log = logging.getLogger("lidar_mos")
+
+Arrived = tuple[Taken, Pose, Entered, str]  # what `MosRunner._enter` says of a scan
 
 
 class MosRunner:
@@ -71,15 +73,15 @@ class MosRunner:
         if not is_cached(project_scan):
             log.warning("compiling kernels, once on this machine (20 to 60 s)")
         self._chooser = Chooser(manifest, given.profile)
-        self._lay_out(self._chooser.default)
+        self._stages, self._doctor = self._lay_out(self._chooser.default)
         self._believer = choose_believer(given, self.postprocess, manifest, self.workers)
         self._believer.decide_by(self._stages.choice.entry.decision)
         self._delay = Delay(given.delay, self._believer.judge, MosResult.with_labels)
         self._intake = Intake(given.odometry, given.deskew)
-        self._scans = 0  # since `reset()`
+        self._scans, self._begun = 0, object()  # since `reset()`, and another with each
         self._history = History(manifest.tuned)
         self._closed = False
-        self._lock = threading.Lock()
+        self._turns = Turns()
         self._warm_up()
 
     @property
@@ -108,39 +110,33 @@ class MosRunner:
         A sensor that is chosen stays until `reset()`. For recordings that are labelled from the middle on, and where
         the number of the laser of each point, ring (N,), is known.
         """
-        with self._lock:
+        with self._turns.alone():
             self._choose(check_scan(scan), ring)
             return self.sensor
 
     def reset(self, keep_sensor: bool = False) -> None:
-        """Forget the history: the next scan is the first of a sequence, and decides on the sensor where it is to."""
-        with self._lock:
-            self._history.clear()
-            self._believer.clear()
-            self._delay.clear()
-            self._doctor.reset()
-            self._intake.reset()
-            self._scans = 0
-            if not keep_sensor:
-                self._chooser.forget()
+        """Forget the history: the next scan is the first of a sequence, and decides on the sensor where it is to.
+
+        Called while a scan is labelled, as from a handler of warnings, it makes that scan the first.
+        """
+        with self._turns.lock:
+            undisturbed(lambda: self._forget(keep_sensor))
 
     def flush(self) -> list[MosResult]:
         """The results that a delay still holds back, oldest first, by what is known up to now."""
-        with self._lock:
+        with self._turns.alone():
             return self._delay.flush()
 
     def close(self) -> None:
         """End the threads. A closed runner labels nothing any more."""
-        with self._lock:
+        with self._turns.lock:
             self._closed = True
             self.workers.close()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
     def __call__(
@@ -168,12 +164,10 @@ class MosRunner:
         (unit, remission, axes; poses of another frame or scale) is a MosWarning too, once a topic until `reset()`.
         Where the odometry is lost, the history is dropped in the same way.
         Raises ScanError, PoseError, SettingError (of the time) or InferenceError; the state is then as it was, but for
-        what an odometry has seen.
+        what an odometry has seen. Where a signal ends the call, the scan counts as a whole or not at all.
         """
-        with self._lock:
-            result, places = self._step(scan, pose, time, times)
-            self._delay.put(result.index, result, places)
-            return self._delay.due(result.index)
+        with self._turns.alone():
+            return self._step(scan, pose, time, times)
 
     def remember(
         self,
@@ -186,16 +180,18 @@ class MosRunner:
 
         With belief it is labelled all the same, since labels are what is believed.
         """
-        with self._lock:
+        with self._turns.alone():
             if self._believer.horizon:
-                self._step(scan, pose, time, times)
+                self._step(scan, pose, time, times, wanted=False)
             else:
-                self._remember(*self._enter(scan, pose, time, times))
+                arrived = self._enter(scan, pose, time, times)
+                self._warn(None, arrived[-1])
+                undisturbed(lambda: self._remember(arrived))
 
-    def _step(self, *given: Any) -> tuple[MosResult, Places | None]:
-        """Label a scan and remember it."""
+    def _step(self, *given: Any, wanted: bool = True) -> MosResult | None:
+        """Label a scan, remember it, and return the result that is due; wanted: its own will be."""
         watch = Stopwatch()
-        taken, pose, entered, jump = self._enter(*given)
+        taken, pose, entered, jump = arrived = self._enter(*given)
         past = [] if jump else self._history.past(pose)
         # Project and compare: the range image and its residuals
         projected = self._stages.inputs.project(entered, past)
@@ -208,18 +204,25 @@ class MosRunner:
         watch.lap("belief")
         # Remember
         look = self._doctor.look(taken.data if self._stages.choice.mounting is None else entered.points, image, past)
-        index = self._remember(taken, pose, entered, jump, look, places)
-        watch.lap("history")
-        name, found = self._stages.choice.entry.name, taken.pose.copy()
-        return MosResult(*labels, len(past) == HISTORY, watch.timing(), index, found, name), places
+        begun = self._begun
+        self._warn(look, jump)
 
-    def _enter(
-        self, scan: ArrayLike | Scan, pose: ArrayLike | None, time: float | None, times: ArrayLike | None
-    ) -> tuple[Taken, Pose, Entered, str]:
+        def remember() -> MosResult | None:
+            index = self._remember(arrived, look if begun is self._begun else None, places)
+            watch.lap("history")
+            name, found = self._stages.choice.entry.name, taken.pose.copy()
+            if not wanted:
+                return None
+            self._delay.put(index, MosResult(*labels, len(past) == HISTORY, watch.timing(), index, found, name), places)
+            return self._delay.due(index)
+
+        return undisturbed(remember)
+
+    def _enter(self, scan: ArrayLike | Scan, *given: Any) -> Arrived:
         """The scan, the pose of its sensor, its points in a buffer, and in what it does not follow ("": it does)."""
         if self._closed:
             raise InferenceError("this runner is closed: make a new MosRunner")
-        taken = self._intake.take(scan, pose, time, times)
+        taken = self._intake.take(scan, *given)
         data = check_scan(taken.data)
         self._choose(data, scan.ring if isinstance(scan, Scan) else None)
         seen_from = self._stages.pose(taken.pose)
@@ -230,16 +233,21 @@ class MosRunner:
         """Decide on the sensor by a scan, unless that is done."""
         choice = self._chooser.propose(scan, ring)
         if not self._stages.serve(choice):
-            self._lay_out(choice)
-            self._believer.decide_by(choice.entry.decision)
-            self._history.clear()  # of scans that showed nothing
+            laid_out = self._lay_out(choice)
+
+            def change() -> None:
+                self._history.clear()  # of scans that showed nothing
+                self._believer.decide_by(choice.entry.decision)
+                self._stages, self._doctor = laid_out
+
+            undisturbed(change)
         self._chooser.keep(choice)
 
-    def _lay_out(self, choice: Choice) -> None:
+    def _lay_out(self, choice: Choice) -> tuple[Stages, Watch]:
         """Make the stages for a sensor, with every kernel compiled or loaded."""
-        self._stages = Stages.of(self.bundle, choice, self.settings, self.precision, self.workers)
-        self._stages.refiner.warm_up()
-        self._doctor = Watch(choice.entry.range_image)
+        stages = Stages.of(self.bundle, choice, self.settings, self.precision, self.workers)
+        stages.refiner.warm_up()
+        return stages, Watch(choice.entry.range_image)
 
     def _label(self, scan: Entered, image: ImageInput, watch: Stopwatch) -> PointLabels:
         """Infer, and refine."""
@@ -253,20 +261,28 @@ class MosRunner:
         watch.lap("postprocess")
         return labels
 
-    def _remember(
-        self,
-        taken: Taken,
-        pose: Pose,
-        entered: Entered,
-        jump: str,
-        look: Look | None = None,
-        places: Places | None = None,
-    ) -> int:
-        """Its number since `reset()`. Warns first: where warnings are errors, all stays as it was."""
+    def _warn(self, look: Look | None, jump: str) -> None:
+        """First of all: where warnings are errors, all stays as it was."""
         for text in look.warnings if look else ():
             warnings.warn(text, MosWarning, stacklevel=4)
         if jump:
             warnings.warn(f"{jump}: the history of past scans is dropped", MosWarning, stacklevel=4)
+
+    def _forget(self, keep_sensor: bool) -> None:
+        self._begun = object()
+        self._history.clear()
+        self._believer.clear()
+        self._delay.clear()
+        self._doctor.reset()
+        self._intake.reset()
+        self._scans = 0
+        if not keep_sensor:
+            self._chooser.forget()
+
+    def _remember(self, arrived: Arrived, look: Look | None = None, places: Places | None = None) -> int:
+        """Its number since `reset()`."""
+        taken, pose, entered, jump = arrived
+        if jump:
             self._history.clear()
             self._delay.settle()
             self._believer.clear()

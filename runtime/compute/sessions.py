@@ -6,7 +6,7 @@ network. `ORT_DISABLE_TELEMETRY=1` ends both; it is set here unless the user has
 
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,27 @@ PACKAGES = {  # what brings a provider
 }
 
 
+class Session:
+    """One of ONNX Runtime, which is opened anew in a process that was forked: its threads are not there."""
+
+    def __init__(self, open_it: Callable[[], Any]) -> None:
+        self._open, self._process, self._session = open_it, os.getpid(), open_it()
+
+    def run(self, names: Sequence[str] | None, feeds: Mapping[str, Any]) -> list[Any]:
+        """Outputs of these names, None: all."""
+        if self._process != os.getpid():
+            _LEFT.append(self._session)  # to end it would be to wait for its threads
+            self._session, self._process = self._open(), os.getpid()
+        found: list[Any] = self._session.run(names, feeds)
+        return found
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._session, name)
+
+
+_LEFT: list[Any] = []
+
+
 def open_session(
     model: str | Path | bytes,
     *,
@@ -46,7 +67,7 @@ def open_session(
     allow_fallback: bool = False,
     session_options: Mapping[str, str] | None = None,
     sizes: Mapping[str, int] | None = None,
-) -> Any:
+) -> Session:
     """An ONNX Runtime session over a model: its path, or its bytes.
 
     threads: of the CPU provider.
@@ -71,7 +92,7 @@ def open_session(
         raise SettingError(f"session option {key}={value!r} is refused by ONNX Runtime: {error}") from error
     for dimension, size in (sizes or {}).items():
         options.add_free_dimension_override_by_name(dimension, size)
-    session = _session(model, options, wanted, [LEFT_OUT] if sizes else [])
+    session = Session(lambda: _session(model, options, wanted, [LEFT_OUT] if sizes else []))
     for name in map(provider_name, wanted):
         if name not in session.get_providers():  # ONNX Runtime goes on without one whose libraries are missing
             _fall_back(f"{name} is installed but could not start (are its libraries there?)", name, allow_fallback)

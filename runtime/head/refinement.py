@@ -1,6 +1,5 @@
 """What every engine of the point head has in common: which points of a scan are refined, and how they are asked for."""
 
-import threading
 from abc import ABC, abstractmethod
 from math import ceil
 from time import perf_counter
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from runtime.bundle.head_shape import PointHeadConfig, receptive_field
 from runtime.bundle.manifest import Tuned
 from runtime.compute.arena import Arena
+from runtime.compute.turns import Turns
 from runtime.compute.workers import Workers
 from runtime.errors import InferenceError, ScanError, SettingError
 from runtime.head.transfer import FeatureMap, features_to_voxels, to_points
@@ -32,7 +32,7 @@ class PointHead(ABC):
         self.multiply_adds = 0  # of the last scan, existing pairs only; 0 from engines that do not count
         self.voxels = 0  # voxels refined in the last scan
         self._arena = Arena()
-        self._lock = threading.Lock()
+        self._turns = Turns()
 
     def refine(
         self,
@@ -51,7 +51,7 @@ class PointHead(ABC):
         not fit and scans that span 2^21 voxels, SettingError for another halo, InferenceError where the features are
         not finite.
         """
-        with self._lock:
+        with self._turns.alone():
             self.timing = dict.fromkeys(("voxels", "maps", "transfers", "convolutions"), 0.0)
             self.multiply_adds = self.voxels = 0
             count = len(xyz)
