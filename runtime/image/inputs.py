@@ -38,7 +38,10 @@ class Projected:
 
 @fast_kernel
 def _fill_channels(points, first, nearest, mean, std, channels):  # type: ignore[no-untyped-def]
-    """Write the five normalised channels (5, H * W); replace infinity in `nearest` by 0."""
+    """Write the five normalised channels (5, H * W); replace infinity in `nearest` by 0.
+
+    Remission counts as 0..1 at most: by the mean of a channel a single wild one would change labels everywhere.
+    """
     for cell in range(first.shape[0]):
         i = first[cell]
         if i < 0:
@@ -47,8 +50,10 @@ def _fill_channels(points, first, nearest, mean, std, channels):  # type: ignore
                 channels[c, cell] = np.float32(0)
         else:
             channels[0, cell] = (nearest[cell] - mean[0]) / std[0]
-            for c in range(4):
+            for c in range(3):
                 channels[c + 1, cell] = (points[i, c] - mean[c + 1]) / std[c + 1]
+            remission = min(max(points[i, 3], np.float32(0)), np.float32(1))
+            channels[4, cell] = (remission - mean[4]) / std[4]
 
 
 @fast_kernel

@@ -23,6 +23,7 @@ HDL64E = Sensor(
     azimuth_steps=2083,  # 20,833 firings/s
     encoder_steps=4000,
     spin_tolerance=0.04,
+    reach=130.0,  # 120 m of what reflects well
     lifts=(0.203, 0.113),  # as calibrated: ros-drivers/velodyne, 64e_s2.1-sztaki
     self_hidden=True,
     image=RangeImage(),  # as published: SemanticKITTI's field of view
