@@ -9,9 +9,16 @@ import stat
 from collections.abc import Iterator
 from io import BufferedReader
 from pathlib import Path
+from types import ModuleType
 from typing import BinaryIO
 
 from runtime.errors import MosError, OutputError
+
+fcntl: ModuleType | None
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
 
 
 def read_ordinary(path: str | Path, most: int | None = None) -> bytes:
@@ -29,6 +36,35 @@ def open_ordinary(path: str | Path) -> BufferedReader:
         os.close(number)
         raise OSError(errno.EINVAL, "it is no ordinary file", str(path))
     return open(number, "rb")
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Within, no other process (nor call) may be in such a block of this folder, which is made as needed.
+
+    The lock is the system's own: it ends with the process, however that ends. On Windows, and where a file system has
+    none, there is no lock. Raises OutputError where another has it.
+    """
+    if fcntl is None:
+        yield
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        held = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise OutputError(f"cannot write into {folder}: {error.strerror}; choose another place") from error
+    try:
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise OutputError(
+                f"{folder}: another run writes there just now; let it end, or choose another place (`out`)"
+            ) from error
+        except OSError:  # a file system without locks
+            pass
+        yield
+    finally:
+        os.close(held)
 
 
 def write_whole(path: str | Path, data: bytes | memoryview, sync: bool = True) -> None:

@@ -16,6 +16,7 @@ from runtime.belief.result import MosResult
 from runtime.bundle.loading import sha256_of
 from runtime.bundle.manifest import MANIFEST
 from runtime.errors import MosError, PoseError, ScanError
+from runtime.files import locked
 from runtime.recordings.journal import JOURNAL, Dependence, Entry, Journal
 from runtime.recordings.labels import LABEL_BYTES, write_labels
 from runtime.recordings.poses import check_pose
@@ -87,30 +88,31 @@ def predict(
     `on_progress(done, total)` is called at the start and after every scan; total: None if it is not known.
 
     Raises SettingError where `out` holds predictions of other settings (then `overwrite` deletes them first),
-    and the ScanError, PoseError, InferenceError or OutputError of a scan that fails, saying which; what was
-    finished stays.
+    OutputError where another run writes there just now, and the ScanError, PoseError, InferenceError or OutputError of
+    a scan that fails, saying which; what was finished stays.
     """
-    run = _Run(recording, runner, predictions_folder(out, recording), overwrite, outputs)
-    total = len(recording) if isinstance(recording, Indexed) else None
-    on_progress(0, total)
-    scans = read_ahead(recording.scans())
-    try:
-        for index in count():
-            try:
-                if not run.one(scans):
-                    break
-            except MosError as error:
-                skip = skip_broken and isinstance(error, ScanError | PoseError)
-                if not (skip and isinstance(recording, Indexed)):
-                    raise run.stopped(error, index, total) from error
-                run.skip(recording.keys[index], str(error))
-                scans.close()
-                scans = read_ahead(recording.scans(index + 1))
-            on_progress(index + 1, total)
-    finally:
-        scans.close()
-    run.close()
-    return run.summary
+    with locked(predictions_folder(out, recording).parent):
+        run = _Run(recording, runner, predictions_folder(out, recording), overwrite, outputs)
+        total = len(recording) if isinstance(recording, Indexed) else None
+        on_progress(0, total)
+        scans = read_ahead(recording.scans())
+        try:
+            for index in count():
+                try:
+                    if not run.one(scans):
+                        break
+                except MosError as error:
+                    skip = skip_broken and isinstance(error, ScanError | PoseError)
+                    if not (skip and isinstance(recording, Indexed)):
+                        raise run.stopped(error, index, total) from error
+                    run.skip(recording.keys[index], str(error))
+                    scans.close()
+                    scans = read_ahead(recording.scans(index + 1))
+                on_progress(index + 1, total)
+        finally:
+            scans.close()
+        run.close()
+        return run.summary
 
 
 @dataclass

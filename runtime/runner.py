@@ -2,6 +2,7 @@
 
 import logging
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -120,7 +121,7 @@ class MosRunner:
         Called while a scan is labelled, as from a handler of warnings, it makes that scan the first.
         """
         with self._turns.lock:
-            undisturbed(lambda: self._forget(keep_sensor))
+            undisturbed(partial(self._forget, keep_sensor))
 
     def flush(self) -> list[MosResult]:
         """The results that a delay still holds back, oldest first, by what is known up to now."""
@@ -186,7 +187,7 @@ class MosRunner:
             else:
                 arrived = self._enter(scan, pose, time, times)
                 self._warn(None, arrived[-1])
-                undisturbed(lambda: self._remember(arrived))
+                undisturbed(partial(self._remember, arrived))
 
     def _step(self, *given: Any, wanted: bool = True) -> MosResult | None:
         """Label a scan, remember it, and return the result that is due; wanted: its own will be."""
@@ -205,16 +206,16 @@ class MosRunner:
         # Remember
         look = self._doctor.look(taken.data if self._stages.choice.mounting is None else entered.points, image, past)
         begun = self._begun
-        self._warn(look, jump)
+        self._warn(look, jump)  # where warnings are errors, all stays as it was
 
         def remember() -> MosResult | None:
             index = self._remember(arrived, look if begun is self._begun else None, places)
             watch.lap("history")
-            name, found = self._stages.choice.entry.name, taken.pose.copy()
-            if not wanted:
-                return None
-            self._delay.put(index, MosResult(*labels, len(past) == HISTORY, watch.timing(), index, found, name), places)
-            return self._delay.due(index)
+            found = taken.pose.copy(), self._stages.choice.entry.name
+            if wanted:
+                result = MosResult(*labels, len(past) == HISTORY, watch.timing(), index, *found)
+                self._delay.put(index, result, places)
+            return self._delay.due(index) if wanted else None
 
         return undisturbed(remember)
 
@@ -233,15 +234,13 @@ class MosRunner:
         """Decide on the sensor by a scan, unless that is done."""
         choice = self._chooser.propose(scan, ring)
         if not self._stages.serve(choice):
-            laid_out = self._lay_out(choice)
-
-            def change() -> None:
-                self._history.clear()  # of scans that showed nothing
-                self._believer.decide_by(choice.entry.decision)
-                self._stages, self._doctor = laid_out
-
-            undisturbed(change)
+            undisturbed(partial(self._change, *self._lay_out(choice)))
         self._chooser.keep(choice)
+
+    def _change(self, stages: Stages, doctor: Watch) -> None:
+        self._history.clear()  # of scans that showed nothing
+        self._believer.decide_by(stages.choice.entry.decision)
+        self._stages, self._doctor = stages, doctor
 
     def _lay_out(self, choice: Choice) -> tuple[Stages, Watch]:
         """Make the stages for a sensor, with every kernel compiled or loaded."""
@@ -262,20 +261,16 @@ class MosRunner:
         return labels
 
     def _warn(self, look: Look | None, jump: str) -> None:
-        """First of all: where warnings are errors, all stays as it was."""
-        for text in look.warnings if look else ():
+        dropped = [f"{jump}: the history of past scans is dropped"] if jump else []
+        for text in (*(look.warnings if look else ()), *dropped):
             warnings.warn(text, MosWarning, stacklevel=4)
-        if jump:
-            warnings.warn(f"{jump}: the history of past scans is dropped", MosWarning, stacklevel=4)
 
     def _forget(self, keep_sensor: bool) -> None:
-        self._begun = object()
-        self._history.clear()
-        self._believer.clear()
-        self._delay.clear()
+        self._scans, self._begun = 0, object()
+        for kept in (self._history, self._believer, self._delay):
+            kept.clear()
         self._doctor.reset()
         self._intake.reset()
-        self._scans = 0
         if not keep_sensor:
             self._chooser.forget()
 

@@ -16,6 +16,8 @@ from runtime.bundle.manifest import FORMAT, MANIFEST, NETWORK_FILES, FileEntry, 
 from runtime.errors import BundleError, CheckpointError
 from runtime.files import replacing_folder
 
+MOST_VALUES, DEEPEST = 100_000, 16  # of a training record
+
 
 @contextlib.contextmanager
 def replacing_bundle(target: Path) -> Iterator[Path]:
@@ -77,12 +79,27 @@ def rounded_to_half(module: nn.Module, what: str) -> None:
 
 
 def plain(values: Any) -> Any:
-    """JSON values of a training record; tensors, infinity and the like are left out."""
-    if isinstance(values, Mapping):
-        return {str(key): plain(value) for key, value in values.items() if _is_plain(value)}
-    if isinstance(values, (list, tuple)):
-        return [plain(value) for value in values if _is_plain(value)]
-    return values
+    """JSON values of a training record; tensors, infinity and the like are left out.
+
+    Raises CheckpointError where it is longer, or nested deeper, than any record: a few bytes of a file can stand for
+    lists of lists without end.
+    """
+    left = MOST_VALUES
+
+    def of(value: Any, levels: int) -> Any:
+        nonlocal left
+        left -= 1
+        if left < 0 or levels < 0:
+            raise CheckpointError(
+                f"the record of the training has more than {MOST_VALUES:,} values, or {DEEPEST} levels: it is none"
+            )
+        if isinstance(value, Mapping):
+            return {str(key): of(item, levels - 1) for key, item in value.items() if _is_plain(item)}
+        if isinstance(value, (list, tuple)):
+            return [of(item, levels - 1) for item in value if _is_plain(item)]
+        return value
+
+    return of(values, DEEPEST)
 
 
 def _is_plain(value: Any) -> bool:

@@ -50,6 +50,7 @@ class Surveyor:
 
         Voxels are those of the world's grid, counted in float64: a scan's places depend on nothing but itself.
         """
+        self._arena.next_scan()
         count, take = len(scan), self._arena.take
         to_voxels = np.ascontiguousarray(pose[:3] / self._size)
         of_point = take("of_point", (count,), np.int64)

@@ -2,13 +2,16 @@
 
 import hashlib
 import os
+import struct
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.bundle.known_networks import check_network
 from runtime.bundle.manifest import (
     IMAGE_NET,
     IMAGE_NET_INT8,
@@ -24,6 +27,12 @@ from runtime.files import open_ordinary
 from runtime.typed_json import read_json
 
 DEFAULT_BUNDLE = "rt"
+LARGEST_HEAD = 1 << 28  # bytes of the weights of a point head, unpacked: three times the published one
+# What NumPy and Python raise for archives that are none, or damaged, or made to look larger than they are.
+BROKEN: tuple[type[Exception], ...] = (
+    *(OSError, ValueError, KeyError, EOFError, AttributeError, NotImplementedError, RuntimeError, MemoryError),
+    *(zipfile.BadZipFile, zlib.error, struct.error),
+)
 
 
 @dataclass(frozen=True)
@@ -52,11 +61,13 @@ class Bundle:
         path = self.path / POINT_HEAD
         try:
             with open_ordinary(path) as file, np.load(file, allow_pickle=False) as stored:
+                if (size := sum(entry.file_size for entry in stored.zip.infolist())) > LARGEST_HEAD:
+                    raise ValueError(f"it unpacks to {size:,} bytes, {LARGEST_HEAD:,} at most are known")
                 arrays = {key: stored[key] for key in stored.files}
             scales = {key.removesuffix(".scale"): arrays.pop(key) for key in list(arrays) if key.endswith(".scale")}
             for name, scale in scales.items():
                 arrays[f"{name}.weight"] = arrays[f"{name}.weight"].astype(np.float32) * scale
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except BROKEN as error:
             raise BundleError(f"{path}: holds no weights of a point head ({error}); get the bundle again") from error
         return arrays
 
@@ -77,6 +88,8 @@ def load_bundle(path: str | Path | None = None) -> Bundle:
         raise BundleError(f"{folder}: is the default bundle, but its weights are not trained; pass another one")
     for name, entry in manifest.files.items():
         _verify(folder / name, entry)
+        if name.endswith(".onnx"):
+            check_network(folder / name)
     return Bundle(folder, manifest)
 
 

@@ -13,6 +13,7 @@ from typer.core import TyperCommand
 from runtime.commands.output import SPEAKER, Speaker, say
 from runtime.errors import MissingPackageError, MosError, MosWarning
 
+TOLD = ("lidar_mos.recordings", "lidar_mos.sensors")  # loggers of what users want to know
 PLAIN: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False}  # of every typer app
 
 
@@ -23,7 +24,7 @@ class Command(TyperCommand):
     def invoke(self, ctx: Any) -> Any:
         name = ctx.command_path.partition(" ")[0]
         before = SPEAKER.set(Speaker(name, {option.name: option.opts[0] for option in self.params if option.name}))
-        with warnings.catch_warnings(), _said("lidar_mos.recordings"), _said("lidar_mos.sensors"):
+        with warnings.catch_warnings(), _said():
             warnings.simplefilter("default", MosWarning)
             warnings.showwarning = _show_warning
             try:
@@ -70,24 +71,27 @@ def is_interrupt(error: BaseException) -> bool:
 
 
 class _Sayer(logging.Handler):
-    """Says what a logger is told."""
+    """Says what loggers are told: of some everything, of the others what is a warning."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        say(record.getMessage())
+        if record.levelno >= logging.WARNING or record.name.startswith(TOLD):
+            say(record.getMessage())
 
 
 @contextmanager
-def _said(name: str) -> Iterator[None]:
-    """Within, what this logger is told is a line on stderr."""
-    log, sayer = logging.getLogger(name), _Sayer(logging.INFO)
-    before = log.level
-    log.setLevel(logging.INFO)
+def _said() -> Iterator[None]:
+    """Within, what our loggers are told is a line on stderr."""
+    log, sayer = logging.getLogger("lidar_mos"), _Sayer(logging.INFO)
+    before = {name: logging.getLogger(name).level for name in TOLD}
+    for name in TOLD:
+        logging.getLogger(name).setLevel(logging.INFO)
     log.addHandler(sayer)
     try:
         yield
     finally:
         log.removeHandler(sayer)
-        log.setLevel(before)
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
 
 
 def need_extra(extra: str, *packages: str) -> None:

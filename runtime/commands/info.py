@@ -1,5 +1,6 @@
 """`mos info`: everything that a manifest says."""
 
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from runtime.commands.options import INSTALLED
-from runtime.commands.output import show_facts
+from runtime.commands.output import show_facts, show_line, show_rows
 
 if TYPE_CHECKING:
     from runtime.bundle.loading import Bundle
@@ -19,11 +20,20 @@ def info(
     bundle: Annotated[
         Path | None, typer.Argument(metavar="BUNDLE", help="Bundle folder.", show_default=INSTALLED)
     ] = None,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Run each network once too, and say what was checked.")
+    ] = False,
 ) -> None:
     """Show what a bundle is: network, sensor, files, agreement with PyTorch, accuracy."""
     from runtime.bundle.loading import load_bundle
 
-    show_bundle(load_bundle(bundle))
+    loaded = load_bundle(bundle)
+    show_bundle(loaded)
+    if verify:
+        from runtime.head.verification import verify as verified
+
+        show_line("\nchecked:")
+        show_rows(list(verified(loaded)))
 
 
 def show_bundle(bundle: "Bundle") -> None:
@@ -34,7 +44,7 @@ def show_bundle(bundle: "Bundle") -> None:
     image, residual, head = manifest.sensor.range_image, manifest.residual, manifest.point_head
     rows = {
         "bundle": f"{manifest.name}, format {manifest.format}",
-        "folder": str(bundle.path.resolve()),
+        "folder": os.path.realpath(bundle.path),
         "network": _words({key: value for key, value in manifest.model.items() if _plain(value)}),
         "features": f"{manifest.features} channels",
         **_sensors(manifest.sensors),

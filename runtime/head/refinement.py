@@ -52,6 +52,7 @@ class PointHead(ABC):
         not finite.
         """
         with self._turns.alone():
+            self._arena.next_scan()
             self.timing = dict.fromkeys(("voxels", "maps", "transfers", "convolutions"), 0.0)
             self.multiply_adds = self.voxels = 0
             count = len(xyz)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from runtime.compute.arena import Arena
 from runtime.compute.jit import kernel
 from runtime.compute.workers import Workers
 from runtime.recordings.scans import check_scan
@@ -47,7 +48,7 @@ class Entry:
         corners = np.full((2, 3), np.inf, np.float32) if body is None else np.reshape(body, (2, 3)).astype(np.float32)
         self._box = np.stack([corners.min(0), corners.max(0)])
         self._mounting = None if mounting is None else np.ascontiguousarray(mounting[:3], np.float32)
-        self._buffer = np.empty((0, 4), np.float32)
+        self._arena = Arena()
 
     def enter(self, scan: ArrayLike) -> Entered:
         """A scan (N, 4) or (N, 3) f32 or f64, x, y, z in m, LiDAR frame, and remission in 0..1 if it is known.
@@ -57,9 +58,8 @@ class Entry:
         """
         given = check_scan(scan)
         count, columns = given.shape
-        if len(self._buffer) < count:
-            self._buffer = np.empty((count + count // 8, 4), np.float32)
-        points = self._buffer[:count]
+        self._arena.next_scan()
+        points = self._arena.take("points", (count, 4))
         with np.errstate(over="ignore"):  # float64 beyond the range of float32 becomes infinite
             points[:, :columns] = given
         if columns == 3:

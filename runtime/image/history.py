@@ -11,6 +11,8 @@ from runtime.compute.jit import kernel
 from runtime.image.entry import Entered
 from runtime.recordings.poses import relative_pose
 
+SPARE, MUCH = 1 << 20, 4  # points of a buffer that is kept whatever happens; times what a scan needs
+
 
 @dataclass(frozen=True)
 class Past:
@@ -65,7 +67,7 @@ class History:
         """Remember the points of a scan that take part; the oldest scan is forgotten."""
         slot = (self._newest + 1) % HISTORY
         count = int(np.count_nonzero(scan.takes_part))
-        if len(self._buffers[slot]) < count:
+        if not count <= len(self._buffers[slot]) <= max(SPARE, MUCH * count):
             self._buffers[slot] = np.empty((count + count // 8, 3), np.float32)
         _keep(scan.points, scan.takes_part, self._buffers[slot])
         self._counts[slot] = count

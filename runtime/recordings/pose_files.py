@@ -14,7 +14,7 @@ from runtime.errors import MosError, MosWarning, NoPosesError, PoseError, Sequen
 from runtime.recordings.calib import read_calib
 from runtime.recordings.extrinsics import mounted, read_extrinsics
 from runtime.recordings.pose_table import read_pose_table
-from runtime.recordings.poses import Pose, Poses, camera_to_lidar, check_pose, with_nearest_rotations
+from runtime.recordings.poses import Pose, Poses, are_good, camera_to_lidar, check_pose, with_nearest_rotations
 from runtime.recordings.recording import Options
 from runtime.recordings.text import lines_of, read_text, to_numbers
 from runtime.recordings.trajectory import poses_at
@@ -132,7 +132,7 @@ def checked(poses: Poses, broken: dict[int, str], names: list[str], skip_broken:
     broken: the same, known before; names: for messages. Raises PoseError unless skip_broken.
     """
     poses, broken = poses.copy(), dict(broken)
-    for index in range(len(poses)):
+    for index in map(int, np.flatnonzero(~are_good(poses))):
         if index not in broken:
             try:
                 poses[index] = check_pose(poses[index], names[index])

@@ -10,6 +10,8 @@ from runtime.errors import PoseError
 RIGID_TOLERANCE = 1e-3
 ROUNDED_TOLERANCE = 3e-3
 
+FARTHEST = 1e9  # m from the origin: no map goes so far, and squares of what does would overflow
+
 Pose = npt.NDArray[np.float64]  # (4, 4)
 Poses = npt.NDArray[np.float64]  # (T, 4, 4)
 
@@ -41,6 +43,8 @@ def check_pose(pose: npt.ArrayLike, where: str = "pose") -> Pose:
         raise PoseError(f"{where}: a pose is a (4, 4) matrix T_world_lidar, not of shape {matrix.shape}")
     if not np.isfinite(matrix).all():
         raise PoseError(f"{where}: holds NaN or infinity; leave such scans out or repair their poses")
+    if np.abs(matrix[:3, 3]).max() > FARTHEST:
+        raise PoseError(f"{where}: lies {np.abs(matrix[:3, 3]).max():.3g} m from the origin, farther than any map")
     if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
         raise PoseError(f"{where}: the last row must be 0 0 0 1, not {matrix[3]}; is the matrix transposed?")
     skew, determinant = _deviation(matrix)
@@ -50,6 +54,15 @@ def check_pose(pose: npt.ArrayLike, where: str = "pose") -> Pose:
             f"{determinant:.4g}); its rotation must be orthonormal and right-handed, without scale"
         )
     return with_nearest_rotations(matrix)
+
+
+def are_good(poses: Poses) -> npt.NDArray[np.bool_]:
+    """Which of poses (T, 4, 4) `check_pose` takes bit for bit as they are: all at once."""
+    with np.errstate(invalid="ignore"):
+        placed = (np.abs(poses[:, :3, 3]) <= FARTHEST).all(1) & (poses[:, 3] == [0, 0, 0, 1]).all(1)
+    skew, determinant = _deviation(poses)
+    good: npt.NDArray[np.bool_] = placed & (np.maximum(skew, abs(determinant - 1)) <= RIGID_TOLERANCE)
+    return good
 
 
 def with_nearest_rotations(poses: Poses) -> Poses:

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.errors import MosWarning, some
-from runtime.recordings.poses import Poses
+from runtime.recordings.poses import FARTHEST, Poses
 from runtime.recordings.rotations import matrices_of_turns, turns_of_matrices
 
 SAME = 1e-5  # s; a pose so near in time is taken as it is
@@ -27,8 +27,8 @@ def poses_at(
     `source`: they are NaN. Before the first pose, or after the last, the motion goes on as it is for the time from one
     pose to the next, but `BEYOND` at most, with a MosWarning; none is ever taken from farther away.
     """
-    with np.errstate(invalid="ignore"):
-        usable = np.isfinite(known) & np.isfinite(poses).all((1, 2)) & (np.linalg.det(poses[:, :3, :3]) > 0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        usable = np.isfinite(known) & (abs(poses) <= FARTHEST).all((1, 2)) & (np.linalg.det(poses[:, :3, :3]) > 0)
     known, order = np.unique(known[usable], return_index=True)
     poses = poses[usable][order]
     if not len(known):

@@ -175,3 +175,20 @@ for _ in range(3):
 """
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_an_interrupt_at_the_start():
+    """Whatever is being loaded: it ends without a traceback."""
+    command = [sys.executable, "-c", "import sys; from runtime.commands.start import main; sys.exit(main())", "info"]
+    began = time.perf_counter()
+    subprocess.run([*command, str(BUNDLE)], cwd=ROOT, capture_output=True, check=True)
+    whole = time.perf_counter() - began
+    for share in (0.3, 0.5, 0.7, 0.9):
+        with subprocess.Popen(
+            [*command, str(BUNDLE)], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        ) as process:
+            time.sleep(share * whole)
+            process.send_signal(signal.SIGINT)
+            said = process.communicate(timeout=60)[1]
+        assert "Traceback" not in said or "site.py" in said or "<frozen" in said.splitlines()[-2], said
+        assert process.returncode in (0, 130, -signal.SIGINT)
