@@ -10,6 +10,7 @@ import os
 import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -20,7 +21,7 @@ from mos_model.networks.format_1 import renamed
 from mos_model.networks.point_head import PointHead
 from mos_model.networks.registry import read_config
 from runtime.errors import CheckpointError, SettingError
-from runtime.files import write_whole
+from runtime.files import open_ordinary, write_whole
 
 FORMAT = 2
 
@@ -89,7 +90,7 @@ def save(
     write_whole(os.fspath(path), buffer.getbuffer())
 
 
-def load(path: str | os.PathLike[str], config: ModelConfig | None = None) -> Checkpoint:
+def load(path: str | Path, config: ModelConfig | None = None) -> Checkpoint:
     """Read a checkpoint of `save`. Raises CheckpointError where it is none, or not of `config` if given."""
     stored = read(path)
     if config is not None and stored.config != config:
@@ -98,10 +99,11 @@ def load(path: str | os.PathLike[str], config: ModelConfig | None = None) -> Che
     return stored.modules()
 
 
-def read(path: str | os.PathLike[str]) -> Stored:
+def read(path: str | Path) -> Stored:
     """A checkpoint as it lies in its file. Raises CheckpointError where it is none."""
     try:
-        content = torch.load(path, map_location="cpu", weights_only=True)
+        with open_ordinary(path) as file:
+            content = torch.load(file, map_location="cpu", weights_only=True)
     except FileNotFoundError as error:
         raise CheckpointError(f"{path}: there is no such checkpoint") from error
     except (OSError, RuntimeError, EOFError, ValueError, KeyError, pickle.UnpicklingError) as error:

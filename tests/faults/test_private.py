@@ -45,7 +45,7 @@ def watched(commands, tmp_path, **variables):
     environment |= {"HOME": str(home), "XDG_CONFIG_HOME": str(home), "XDG_CACHE_HOME": str(home), **variables}
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", WATCHED, json.dumps(commands)],
-        env=environment, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False,
+        env=environment, cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return *json.loads(done.stdout.splitlines()[-1]), sorted(path.name for path in home.rglob("*"))
