@@ -11,7 +11,7 @@ from mos_model.data.dataset import Sample
 from mos_model.networks.checkpoint import Checkpoint, load
 from mos_model.simulator import simulate
 from mos_model.tuning.histogram import Histogram
-from mos_model.tuning.thresholds import LIGHT_TRAFFIC, QUIET, probabilities, samples_of
+from mos_model.tuning.thresholds import LIGHT_TRAFFIC, probabilities, samples_of
 from runtime.belief.believers import Delayed, Online
 from runtime.bundle.manifest import Tuned
 from runtime.classes import to_classes
@@ -45,7 +45,7 @@ class Believed(NamedTuple):
 
 
 def find_belief(checkpoint: Path, tuned: Tuned, sensors: Sequence[str], drives: int) -> Believed:
-    """The thresholds of highest IoU at which drives without a mover, which every second one is, stay quiet.
+    """The thresholds of highest IoU on drives, every second one of which has no mover.
 
     tuned: with the numbers of belief. sensors: take turns. Every second drive with movers, and without, is of the wide
     variety that a network of several sensors learnt from.
@@ -58,7 +58,7 @@ def find_belief(checkpoint: Path, tuned: Tuned, sensors: Sequence[str], drives: 
         if found.config.other_sensors and number // 2 % 2:
             settings["version"] = 2
         count_drive(found, tuned, sensor, BELIEF_DRIVES + number, settings, online, delayed)
-    return Believed(tuple(sensors), *online.best_threshold(QUIET), *delayed.best_threshold(QUIET))
+    return Believed(tuple(sensors), *online.best_threshold(), *delayed.best_threshold())
 
 
 def count_drive(

@@ -9,29 +9,23 @@ BINS = 200
 
 
 class Histogram:
-    """Probabilities of moving, counted for the static and the moving class, and for scans without a mover."""
+    """Probabilities of moving, counted for the static and the moving class."""
 
     def __init__(self) -> None:
         self.counts = np.zeros((2, BINS), np.int64)
-        self.quiet = np.zeros(BINS, np.int64)
 
     def add(self, probability: NDArray[np.float32], labels: NDArray[np.uint8]) -> None:
         """Count probabilities and labels of a scan, of the same shape."""
         bins = np.minimum((probability * BINS).astype(np.int64), BINS - 1)
-        static, moving = (np.bincount(bins[labels == label], minlength=BINS) for label in (STATIC, MOVING))
-        if moving.any():
-            self.counts += static, moving
-        else:
-            self.quiet += static
+        self.counts += [np.bincount(bins[labels == label], minlength=BINS) for label in (STATIC, MOVING)]
 
-    def best_threshold(self, most: float = 1.0) -> tuple[float, float]:
+    def best_threshold(self) -> tuple[float, float]:
         """The threshold of highest IoU of the moving class, and that IoU.
 
-        most: largest share of the `quiet` static ones at or above it.
+        False alarms count where they are raised, on scans without a mover too.
         """
         false = self.counts[0][::-1].cumsum()[::-1]  # static ones at or above the lower edge of each bin
         hit = self.counts[1][::-1].cumsum()[::-1]
-        alarms = self.quiet[::-1].cumsum()[::-1] / max(1, self.quiet.sum())
         iou = hit / np.maximum(1, self.counts[1].sum() + false)
-        best = int(np.where(alarms <= most, iou, -1.0).argmax())
+        best = int(iou.argmax())
         return best / BINS, float(iou[best])

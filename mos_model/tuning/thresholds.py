@@ -24,7 +24,6 @@ Probabilities = NDArray[np.float32]
 
 CALIBRATION_STREETS = 15_000_000  # seeds from here on choose thresholds; validation has those below
 LIGHT_TRAFFIC = 0.35  # of the usual density
-QUIET = 0.001  # largest share of false alarms on streets without a mover
 AROUND = 0.8  # m, which is beyond the halo of the runtime
 ALIKE = (20, 40, 80, 1000)  # beams up to which sensors share their thresholds
 
@@ -55,12 +54,12 @@ def sensor_classes(own: str, others: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def find_thresholds(checkpoint: Path, sensors: tuple[str, ...], streets: int, candidate: float) -> Found:
-    """The thresholds of highest IoU at which streets without a mover stay quiet, for some sensors of a network."""
+    """The thresholds of highest IoU on streets with and without movers, for some sensors of a network."""
     torch.set_num_threads(1)
     found = load(checkpoint)
     pixels, points = calibrate(found, streets, candidate, sensors=sensors)
-    of_head = points.best_threshold(QUIET) if found.point_head is not None else (None, None)
-    return Found(sensors, *pixels.best_threshold(QUIET), *of_head)
+    of_head = points.best_threshold() if found.point_head is not None else (None, None)
+    return Found(sensors, *pixels.best_threshold(), *of_head)
 
 
 def calibrate(

@@ -16,7 +16,7 @@ from mos_model.publish import data_of, publish
 from mos_model.simulator import simulate
 from mos_model.tuning.belief import find_belief
 from mos_model.tuning.histogram import BINS, Histogram
-from mos_model.tuning.thresholds import QUIET, calibrate, sensor_classes
+from mos_model.tuning.thresholds import calibrate, sensor_classes
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.bundle.manifest import BeliefNumbers, Tuned
 from runtime.sensors.range_image import RangeImage
@@ -44,15 +44,12 @@ def test_best_threshold_is_that_of_a_search():
     assert 0.3 < threshold < 0.7
 
 
-def test_quiet_scans_bound_the_threshold():
+def test_scans_without_a_mover_count_too():
     histogram = Histogram()
     histogram.add(np.array([0.9, 0.6, 0.2], np.float32), np.array([2, 2, 1], np.uint8))
-    assert histogram.best_threshold()[0] < 0.6
-    histogram.add(np.linspace(0, 0.995, 1000, dtype=np.float32), np.ones(1000, np.uint8))
-    assert histogram.counts.sum() == 3
-    assert histogram.best_threshold()[0] < 0.6
-    assert histogram.best_threshold(most=0.2) == (0.8, 0.5)
-    assert histogram.best_threshold(most=0.4) == (pytest.approx(0.6), 1.0)
+    assert histogram.best_threshold() == (pytest.approx(0.205), 1.0)
+    histogram.add(np.full(5, 0.7, np.float32), np.ones(5, np.uint8))
+    assert histogram.best_threshold() == (pytest.approx(0.705), 0.5)
 
 
 @pytest.mark.parametrize(
@@ -84,8 +81,8 @@ def test_published_checkpoint(tmp_path):
     pixels, points = calibrate(checkpoint.load(tmp_path / "last.pt"), 1, candidate=0.3)
     assert found.training["decisions"] == {
         "hdl64e": {
-            "threshold": pixels.best_threshold(QUIET)[0],
-            "head_threshold": points.best_threshold(QUIET)[0],
+            "threshold": pixels.best_threshold()[0],
+            "head_threshold": points.best_threshold()[0],
         }
     }
     assert points.counts.sum() > pixels.counts.sum() > 0
