@@ -60,13 +60,6 @@ def still(count: int) -> dict[str, tuple[str, list[Drive]]]:
     }
 
 
-def milliseconds(runner: MosRunner, drive: Drive) -> float:
-    """Median time of the calls of a drive."""
-    runner.reset()
-    times = [runner(scan.points, scan.pose).timing["total"] for scan in drive()]
-    return round(1e3 * float(np.median(times[8:])), 1)
-
-
 def bench(
     bundle: Annotated[Path | None, typer.Option(help="Bundle", show_default="the default one")] = None,
     kitti: Annotated[Path | None, typer.Option(help="Root of KITTI sequence 90, which has labels")] = None,
@@ -83,7 +76,6 @@ def bench(
         with MosRunner(bundle, threads=threads, sensor=name) as runner:
             drives = simulated(name, STREETS, streets, frames)
             rows[name] = scores(score(drives, {"": with_runner(runner)})[""])
-            rows[name]["ms"] = milliseconds(runner, simulated(name, STREETS, 1, 30)[0])
     alarms: dict[str, dict[str, float | None]] = {}
     for title, (name, drives) in still(places).items():
         with MosRunner(bundle, threads=threads, sensor=name) as runner:
