@@ -16,9 +16,7 @@ from mos_model.simulator import simulate
 from runtime import MosRunner
 from runtime.bundle.residual import HISTORY
 from runtime.commands.handler import run_alone
-from runtime.sensors.registry import SENSORS
-
-FIRST = "hdl64e"
+from runtime.sensors.registry import DEFAULT_SENSOR, SENSORS
 
 
 def times(runner: MosRunner, scans: list, rounds: int) -> np.ndarray:
@@ -42,7 +40,7 @@ def bench(
     """Median and 95th percentile of the time of a scan (ms), points of a scan, and the median over that of HDL-64E."""
     rows: dict[str, dict[str, float | None]] = {}
     median: dict[str, float] = {}
-    for name in dict.fromkeys([FIRST, *(sensors.split(",") if sensors else SENSORS)]):
+    for name in dict.fromkeys([DEFAULT_SENSOR, *(sensors.split(",") if sensors else SENSORS)]):
         scans = simulate(STREETS, HISTORY + frames, name)
         with MosRunner(bundle, threads=threads, sensor=name) as runner:
             found = times(runner, scans, rounds)
@@ -51,7 +49,7 @@ def bench(
             "points": float(np.mean([len(scan.points) for scan in scans]).round()),
             "ms": round(median[name], 1),
             "p95": round(float(np.quantile(found, 0.95)), 1),
-            "share": round(median[name] / median[FIRST], 2),
+            "share": round(median[name] / median[DEFAULT_SENSOR], 2),
         }
     show("ms a scan", rows)
     save(out, threads, {"frames": frames, "rounds": rounds, "ms": rows})

@@ -9,12 +9,15 @@ from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import typer
 
 from mos_model.networks.checkpoint import load, save
-from mos_model.tuning.belief import find_belief
+from mos_model.tuning.average import write_mean
+from mos_model.tuning.belief import DELAY, find_belief
+from mos_model.tuning.histogram import Histogram
 from mos_model.tuning.thresholds import find_thresholds, sensor_classes
 from runtime.bundle.manifest import BeliefNumbers, Tuned
 from runtime.commands.handler import run_alone
@@ -38,8 +41,12 @@ def publish(
     out: Annotated[Path, typer.Argument(help="Checkpoint that ships")],
     streets: Annotated[int, typer.Option(min=1, help="Simulated streets for the thresholds; 5 x without movers")] = 40,
     drives: Annotated[
-        int, typer.Option(min=0, help="Simulated drives for those of belief, half of them without movers; 0: no belief")
+        int,
+        typer.Option(min=0, help="Simulated drives of each kind of sensor for belief, half without movers; 0: none"),
     ] = 0,
+    mean_with: Annotated[
+        Path | None, typer.Option(help="Checkpoint that the run started from: the mean of both weights ships")
+    ] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes")] = 2,
     name: Annotated[str | None, typer.Option(help="Of the bundle", show_default="the network's")] = None,
     postprocess: Annotated[str | None, typer.Option(help="none, knn or head: the bundle's default")] = None,
@@ -51,6 +58,12 @@ def publish(
     """Write the checkpoint that ships."""
     if postprocess not in (None, *CHOICES["postprocess"]):
         raise typer.BadParameter(f"{postprocess!r} is none of {', '.join(CHOICES['postprocess'])}")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if mean_with is not None:
+        scratch = TemporaryDirectory()  # goes with this call, however it ends
+        mean = Path(scratch.name) / "mean.pt"
+        write_mean(checkpoint, mean_with, mean)
+        checkpoint = mean
     found = load(checkpoint)
     tuned = build(Tuned, found.training.get("tuned", {}), f"{checkpoint}: tuned", CheckpointError)
     if drives and tuned.belief is None:
@@ -64,10 +77,18 @@ def publish(
         decisions |= {each: one.decision for each in one.sensors}
         head = "" if one.head_iou is None else f"; point head {one.head_threshold:.3f}, {100 * one.head_iou:.1f}"
         show_line(f"{', '.join(one.sensors)}: threshold {one.threshold:.3f}, moving IoU {100 * one.iou:.1f}{head}")
-    for two in (each.result() for each in believed):
-        decisions |= {each: decisions[each] | two.decision for each in two.sensors}
-        later = f"later {two.delayed_threshold:.3f}, {100 * two.delayed_iou:.1f}"
-        show_line(f"{', '.join(two.sensors)}: belief {two.threshold:.3f}, moving IoU {100 * two.iou:.1f}; {later}")
+    if drives:  # one threshold for all sensors: they differ by less than drives do
+        online, delayed = Histogram(), Histogram()
+        for of_some in (each.result() for each in believed):
+            online += of_some.online
+            delayed += of_some.delayed
+        (threshold, iou), (later, later_iou) = online.best_threshold(), delayed.best_threshold()
+        decisions = {
+            each: decision | {"belief_threshold": threshold, "delayed_threshold": later}
+            for each, decision in decisions.items()
+        }
+        words = f"{DELAY} scans later {later:.3f}, {100 * later_iou:.1f}"
+        show_line(f"belief: threshold {threshold:.3f}, moving IoU {100 * iou:.1f}; {words}")
     training = {
         "decisions": decisions,
         "tuned": asdict(tuned),
@@ -78,7 +99,6 @@ def publish(
         "step": found.training.get("step"),
     }
     config = found.config if name is None else replace(found.config, name=name)
-    out.parent.mkdir(parents=True, exist_ok=True)
     save(out, config, found.image_net, found.point_head, training, half=True)
     show_line(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
 

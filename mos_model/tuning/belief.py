@@ -30,25 +30,17 @@ _NONE = np.empty(0, np.uint8)
 
 
 class Believed(NamedTuple):
-    """Thresholds of some sensors where other scans count too, and the IoU that they gave on the drives."""
+    """Points of drives by what is believed of them, at once and DELAY scans later."""
 
-    sensors: tuple[str, ...]
-    threshold: float
-    iou: float
-    delayed_threshold: float
-    delayed_iou: float
-
-    @property
-    def decision(self) -> dict[str, float | None]:
-        """What a checkpoint says of each of the sensors."""
-        return {"belief_threshold": self.threshold, "delayed_threshold": self.delayed_threshold}
+    online: Histogram
+    delayed: Histogram
 
 
 def find_belief(checkpoint: Path, tuned: Tuned, sensors: Sequence[str], drives: int) -> Believed:
-    """The thresholds of highest IoU on drives, every second one of which has no mover.
+    """What is believed on simulated drives of some sensors, which take turns. Every second drive has no mover.
 
-    tuned: with the numbers of belief. sensors: take turns. Every second drive with movers, and without, is of the wide
-    variety that a network of several sensors learnt from.
+    tuned: with the numbers of belief. Every second drive with movers, and without, is of the wide variety that a
+    network of several sensors learnt from.
     """
     torch.set_num_threads(1)
     found, online, delayed = load(checkpoint), Histogram(), Histogram()
@@ -58,7 +50,7 @@ def find_belief(checkpoint: Path, tuned: Tuned, sensors: Sequence[str], drives: 
         if found.config.other_sensors and number // 2 % 2:
             settings["version"] = 2
         count_drive(found, tuned, sensor, BELIEF_DRIVES + number, settings, online, delayed)
-    return Believed(tuple(sensors), *online.best_threshold(), *delayed.best_threshold())
+    return Believed(online, delayed)
 
 
 def count_drive(

@@ -1,5 +1,7 @@
 """Probabilities of moving, counted: which threshold is best on them."""
 
+from typing import Self
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +20,11 @@ class Histogram:
         """Count probabilities and labels of a scan, of the same shape."""
         bins = np.minimum((probability * BINS).astype(np.int64), BINS - 1)
         self.counts += [np.bincount(bins[labels == label], minlength=BINS) for label in (STATIC, MOVING)]
+
+    def __iadd__(self, other: Self) -> Self:
+        """What another one has counted, too."""
+        self.counts += other.counts
+        return self
 
     def best_threshold(self) -> tuple[float, float]:
         """The threshold of highest IoU of the moving class, and that IoU.
