@@ -69,6 +69,13 @@ class MosWarning(UserWarning):
     """Something that the user should know but that does not stop the work."""
 
 
+def is_interrupt(error: BaseException) -> bool:
+    """Whether the user ended it; where Numba hands a result over, that is the cause of a SystemError."""
+    return isinstance(error, KeyboardInterrupt) or (
+        isinstance(error, SystemError) and isinstance(error.__cause__, KeyboardInterrupt)
+    )
+
+
 def some(names: list[str], most: int = 3) -> str:
     """The first few of `names`, and how many more there are: no message grows with the number of files."""
     rest = len(names) - most

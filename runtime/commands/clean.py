@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 
-from runtime.commands.labelling import interruptible, label
 from runtime.commands.options import (
     Bundle,
     Calib,
@@ -27,6 +26,8 @@ from runtime.commands.options import (
 )
 from runtime.commands.recordings import recording_options
 from runtime.commands.runner_options import DEFAULTS, Body, Delay, Nearest, corners, runner_settings
+from runtime.commands.summary import interruptible, show_summary
+from runtime.commands.terminal_voice import TerminalVoice
 from runtime.commands.written import Format, Voxel, Write, wanted_of
 
 DELAY = 10  # scans
@@ -99,8 +100,9 @@ def clean(
     with wrong_usage():
         recordings = open_recordings(path, tuple(names or ()), options)
 
+    from runtime.fleet.labelling import label
     from runtime.runner import MosRunner
 
     with interruptible(), MosRunner(bundle, settings=settings) as runner:
         for recording in recordings:
-            label(recording, runner, options, out, overwrite=overwrite, wanted=wanted)
+            show_summary(recording.name, label(recording, runner, options, out, overwrite, wanted, TerminalVoice()))

@@ -1,19 +1,17 @@
 """What every command does with errors, warnings and interrupts: of `mos` and of `python -m ...` alike."""
 
-import logging
-import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib.util import find_spec
-from typing import Any, TextIO
+from typing import Any
 
 import typer
 from typer.core import TyperCommand
 
 from runtime.commands.output import SPEAKER, Speaker, say
-from runtime.errors import MissingPackageError, MosError, MosWarning
+from runtime.commands.terminal_voice import TerminalVoice
+from runtime.errors import MissingPackageError, MosError, is_interrupt
+from runtime.fleet.voice import heard
 
-TOLD = ("lidar_mos.recordings", "lidar_mos.sensors")  # loggers of what users want to know
 PLAIN: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False}  # of every typer app
 
 
@@ -24,9 +22,7 @@ class Command(TyperCommand):
     def invoke(self, ctx: Any) -> Any:
         name = ctx.command_path.partition(" ")[0]
         before = SPEAKER.set(Speaker(name, {option.name: option.opts[0] for option in self.params if option.name}))
-        with warnings.catch_warnings(), _said():
-            warnings.simplefilter("default", MosWarning)
-            warnings.showwarning = _show_warning
+        with heard(TerminalVoice()):
             try:
                 return super().invoke(ctx)
             except BrokenPipeError:  # nobody reads any more, as with `| head`: typer ends without a word
@@ -63,55 +59,9 @@ def exit_code(command: Any, name: str, arguments: list[str] | None = None) -> in
     return 0
 
 
-def is_interrupt(error: BaseException) -> bool:
-    """Whether the user ended it; where Numba hands a result over, that is the cause of a SystemError."""
-    return isinstance(error, KeyboardInterrupt) or (
-        isinstance(error, SystemError) and isinstance(error.__cause__, KeyboardInterrupt)
-    )
-
-
-class _Sayer(logging.Handler):
-    """Says what loggers are told: of some everything, of the others what is a warning."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        if record.levelno >= logging.WARNING or record.name.startswith(TOLD):
-            say(record.getMessage())
-
-
-@contextmanager
-def _said() -> Iterator[None]:
-    """Within, what our loggers are told is a line on stderr."""
-    log, sayer = logging.getLogger("lidar_mos"), _Sayer(logging.INFO)
-    before = {name: logging.getLogger(name).level for name in TOLD}
-    for name in TOLD:
-        logging.getLogger(name).setLevel(logging.INFO)
-    log.addHandler(sayer)
-    try:
-        yield
-    finally:
-        log.removeHandler(sayer)
-        for name, level in before.items():
-            logging.getLogger(name).setLevel(level)
-
-
 def need_extra(extra: str, *packages: str) -> None:
     """Raises MissingPackageError where packages that this extra brings are not installed."""
     if missing := [package for package in packages if find_spec(package) is None]:
         raise MissingPackageError(
             f"mos {extra} needs {' and '.join(missing)}, not installed here: pip install 'lidar-mos[{extra}]'"
         )
-
-
-def _show_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> None:
-    """Ours without the place in the code, which says nothing to a user."""
-    if issubclass(category, MosWarning):
-        say(f"warning: {message}")
-    else:
-        typer.echo(warnings.formatwarning(message, category, filename, lineno, line), err=True)

@@ -30,12 +30,20 @@ class OdometryName(StrEnum):
 
 INSTALLED = "the one that is installed"
 
+_FORMATS = ".bin, .npy, .pcd, .ply, .las, .laz, .feather; a bag of ROS: .bag, .db3, .mcap; or .osf, .pcap."
 Input = Annotated[
     Path,
     typer.Argument(
         metavar="INPUT",
-        help="A KITTI sequence (.../sequences/NN), a root with several, or a folder of scans: "
-        ".bin, .npy, .pcd, .ply, .las, .laz, .feather; a bag of ROS: .bag, .db3, .mcap; or .osf, .pcap.",
+        help=f"A KITTI sequence (.../sequences/NN), a root with several, or a folder of scans: {_FORMATS}",
+    ),
+]
+Inputs = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="INPUT...",
+        help="Recordings, folders that have some anywhere below, or patterns as 'logs/*/drive.bag'. A recording is a "
+        f"KITTI sequence (.../sequences/NN) or a folder of scans: {_FORMATS}",
     ),
 ]
 Bundle = Annotated[Path | None, typer.Option(help="Bundle to use.", show_default=INSTALLED)]

@@ -1,6 +1,5 @@
 """How commands open recordings: given poses, or those that are found."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -29,9 +28,7 @@ def recording_options(odometry: OdometryName | None, no_deskew: bool, **given: A
         return Options(**given, given_poses=poses, deskew=not no_deskew)
 
 
-def with_found_poses(
-    recording: "Indexed", options: "Options", folder: Path | None = None, chosen: range | None = None
-) -> "Indexed":
+def with_found_poses(recording: "Indexed", options: "Options", chosen: range | None = None) -> "Indexed":
     """The recording, with poses by odometry where it has none; see `with_poses`. With a bar."""
     from runtime.commands.progress import counted
     from runtime.odometry.with_poses import with_poses
@@ -39,4 +36,4 @@ def with_found_poses(
     if recording.poses is not None:
         return recording
     with counted(f"poses of {recording.name}") as progress:
-        return with_poses(recording, folder=folder, chosen=chosen, deskew=options.deskew, on_progress=progress)
+        return with_poses(recording, chosen=chosen, deskew=options.deskew, on_progress=progress)

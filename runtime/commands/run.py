@@ -1,18 +1,18 @@
 """`mos run`: the main job."""
 
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.commands.labelling import interruptible, label
 from runtime.commands.options import (
     Bundle,
     Calib,
     Columns,
     Extrinsics,
     Frame,
-    Input,
+    Inputs,
     Names,
     NoDeskew,
     Odometry,
@@ -44,15 +44,31 @@ from runtime.commands.runner_options import (
     provider,
     runner_settings,
 )
+from runtime.commands.summary import interruptible, show_summary
+from runtime.commands.terminal_voice import TerminalVoice
 from runtime.commands.written import Format, Voxel, Write, wanted_of
+
+if TYPE_CHECKING:
+    from runtime.fleet.work import Way
+
+LOCAL, RAY = "local", "ray"
 
 
 def run(
-    path: Input,
+    paths: Inputs,
     out: Annotated[Path, typer.Option(help="Folder for sequences/NN/predictions/*.label.")] = Path("predictions"),
     bundle: Bundle = None,
     sensor: OwnSensor = None,
     threads: Threads = 2,
+    jobs: Annotated[
+        int, typer.Option(min=1, help="Recordings at a time, each in a process with its share of the threads.")
+    ] = 1,
+    on: Annotated[
+        str,
+        typer.Option(
+            metavar="local|ray|ray://HOST:PORT", help="This machine, or a cluster of Ray: a task for each recording."
+        ),
+    ] = LOCAL,
     limit: Annotated[
         int | None, typer.Option(min=1, help="Only the first scans of a sequence.", show_default="all")
     ] = None,
@@ -97,10 +113,17 @@ def run(
     allow_fallback: Fallback = False,
     session_options: SessionOptions = None,
 ) -> None:
-    """Label every point of a sequence: 251 moving, 9 everything else, in SemanticKITTI's layout.
+    """Label every point of recordings: 251 moving, 9 everything else, in SemanticKITTI's layout.
 
-    An interrupted run goes on where it was when the same command is given again.
+    An interrupted run goes on where it was when the same command is given again. Of several recordings one that is
+    broken does not stop the others.
     """
+    if not (on in (LOCAL, RAY) or (on.startswith(f"{RAY}://") and len(on) > len(f"{RAY}://"))):
+        raise typer.BadParameter(f"--on is local, ray or ray://HOST:PORT, not {on!r}")
+    if on != LOCAL and jobs > 1:
+        raise typer.BadParameter(
+            "--jobs is for this machine: Ray itself says how many recordings are labelled at a time"
+        )
     wanted = wanted_of({one.value for one in write or ()}, format, voxel)
     settings = runner_settings(
         threads=threads,
@@ -135,17 +158,40 @@ def run(
         skip_broken=skip_broken,
     )
 
-    from runtime.recordings.registry import open_recordings
+    from runtime.bundle.loading import load_bundle
+    from runtime.recordings.registry import check_count, open_recording
+    from runtime.recordings.searching import search_recordings
 
+    found = search_recordings(paths, tuple(names or ()))
     with wrong_usage():
-        recordings = open_recordings(path, tuple(names or ()), options)
+        check_count(len(found), options)
+        recording = open_recording(found[0], options) if len(found) == 1 else None
+    points = settings.postprocess or load_bundle(bundle).manifest.postprocess
+    if (refine or head_engine) and points != "head":
+        raise typer.BadParameter(f"--refine and --head-engine are for the point head, not for --postprocess {points}")
 
-    from runtime.runner import MosRunner
+    if recording is not None and on == LOCAL and jobs == 1:
+        from runtime.fleet.labelling import label
+        from runtime.runner import MosRunner
 
-    with interruptible(), MosRunner(bundle, settings=settings) as runner:
-        if (refine or head_engine) and runner.postprocess != "head":
-            raise typer.BadParameter(
-                f"--refine and --head-engine are for the point head, not for --postprocess {runner.postprocess}"
-            )
-        for recording in recordings:
-            label(recording, runner, options, out, overwrite=overwrite, wanted=wanted)
+        with interruptible(), MosRunner(bundle, settings=settings) as runner:
+            summary = label(recording, runner, options, out, overwrite, wanted, TerminalVoice())
+        show_summary(recording.name, summary)
+        return
+
+    from runtime.commands.several import label_several
+    from runtime.fleet.work import settle
+
+    with interruptible():
+        label_several(found, settle(bundle, settings, options, out, overwrite, wanted), _way(on, jobs))
+
+
+def _way(on: str, jobs: int) -> "Way":
+    """How several recordings are labelled."""
+    from runtime.fleet.here import label_here
+    from runtime.fleet.on_ray import label_on_ray
+    from runtime.fleet.processes import label_in_processes
+
+    if on != LOCAL:
+        return partial(label_on_ray, address=None if on == RAY else on)
+    return label_here if jobs == 1 else partial(label_in_processes, jobs=jobs)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from runtime.commands.labelling import Wanted
+from runtime.fleet.wanted import Wanted
 
 
 class Write(StrEnum):

@@ -6,7 +6,7 @@ from runtime.errors import MissingPackageError
 
 PILLOW, RERUN, LASPY, LAZRS, LZF, PYARROW, ROSBAGS = "PIL", "rerun", "laspy", "lazrs", "lzf", "pyarrow", "rosbags"
 OUSTER, VELODYNE = "ouster", "velodyne_decoder"
-KISS_ICP, CYCLONEDDS = "kiss_icp", "cyclonedds"
+KISS_ICP, CYCLONEDDS, RAY = "kiss_icp", "cyclonedds", "ray"
 _BROUGHT = {  # as pip knows them, and by which extra
     PILLOW: ("Pillow", "view"),
     RERUN: ("rerun-sdk", "view"),
@@ -18,6 +18,7 @@ _BROUGHT = {  # as pip knows them, and by which extra
     OUSTER: ("ouster-sdk", "ouster"),
     VELODYNE: ("velodyne-decoder", "velodyne"),
     KISS_ICP: ("kiss-icp", "odometry"),
+    RAY: ("ray", "fleet"),
     CYCLONEDDS: ("cyclonedds", "live"),
 }
 

@@ -96,21 +96,31 @@ def open_recordings(path: str | Path, names: tuple[str, ...] = (), options: Opti
     found = find_recordings(path, names)
     check_options(found, options)
     opened = [one.open(options) for one in found]
-    for name, count in Counter(one.name for one in opened).items():
-        if count > 1:
-            alike = " and ".join(one.source for one in opened if one.name == name)
-            raise SequenceError(f"{alike} have one name, so that their labels would overwrite each other; rename one")
+    check_names([(one.name, one.source) for one in opened])
     return opened
+
+
+def check_names(named: list[tuple[str, str]]) -> None:
+    """Raises SequenceError where two recordings, each a name and where it is from, have one name."""
+    for name, count in Counter(name for name, _ in named).items():
+        if count > 1:
+            alike = " and ".join([source for one, source in named if one == name][:2])
+            raise SequenceError(f"{alike} have one name, so that their labels would overwrite each other; rename one")
 
 
 def check_options(found: list[Found], options: Options) -> None:
     """Raises SettingError where what belongs to one recording is given for several, or topics for what has none."""
-    if len(found) > 1 and (options.poses or options.calib):
-        raise SettingError(f"a pose file or calibration is for one recording, not for {len(found)}: name one (`names`)")
+    check_count(len(found), options)
     if (options.topic or options.pose_topic or options.world) and any(one.reader is not ros for one in found):
         raise SettingError(
             f"topics and frames (`topic`, `pose_topic`, `world`) are of {ros.TITLE}, and {found[0].path} is none"
         )
+
+
+def check_count(count: int, options: Options) -> None:
+    """Raises SettingError where what belongs to one recording is given for several."""
+    if count > 1 and (options.poses or options.calib):
+        raise SettingError(f"a pose file or calibration is for one recording, not for {count}: name one (`names`)")
 
 
 def as_given(path: Path) -> Path:

@@ -130,10 +130,10 @@ def test_warnings_are_lines_too(tmp_path, capsys):
 def test_an_interrupt_inside_of_numba(folder, tmp_path, capsys, monkeypatch, cause):
     """Numba turns what is raised while it hands over a result into a SystemError."""
 
-    def interrupted(*arguments):
+    def interrupted(*arguments, **options):
         raise SystemError("returned a result with an exception set") from cause
 
-    monkeypatch.setattr("runtime.commands.labelling.predict_with_progress", interrupted)
+    monkeypatch.setattr("runtime.fleet.labelling.predict", interrupted)
     arguments = ["run", str(folder), "--out", str(tmp_path), "--bundle", str(BUNDLE)]
     if isinstance(cause, KeyboardInterrupt):
         assert main(arguments) == 130

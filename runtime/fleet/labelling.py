@@ -1,0 +1,102 @@
+"""What is done with a recording: find poses, label, write what is left, and say so."""
+
+import warnings
+from pathlib import Path
+
+from runtime.cleaning.cleaning import CLEAN, SAME, write_clean, write_maps
+from runtime.cleaning.labelled_bag import Probabilities, write_labelled_bag
+from runtime.cleaning.labelled_clouds import LabelledClouds
+from runtime.cleaning.votes import RecordingVotes
+from runtime.compute.packages import PILLOW, has_package
+from runtime.doctor.diagnose import diagnose
+from runtime.doctor.findings import percent
+from runtime.doctor.sensor_of import in_own_frame, sensor_of
+from runtime.errors import MosWarning, some
+from runtime.fleet.voice import Voice
+from runtime.fleet.wanted import Wanted
+from runtime.odometry.with_poses import with_poses
+from runtime.predict import Output, Summary, predict, predictions_folder
+from runtime.recordings.recording import Indexed, Options
+from runtime.runner import MosRunner
+from runtime.sensors.range_image import RangeImage
+
+
+def label(
+    given: Indexed, runner: MosRunner, options: Options, out: Path, overwrite: bool, wanted: Wanted, voice: Voice
+) -> Summary:
+    """All of it, of one recording; the voice is told what else was written. Raises what `predict` does, and readers."""
+    if wanted.bag:
+        given.check_takes_labels()  # before anything is labelled
+    labels = predictions_folder(out, given)
+    recording = _located(given, options, labels.parent, voice)
+    clouds = LabelledClouds(labels.with_name("clouds"), wanted.form or "ply")
+    probabilities = Probabilities(labels.with_name("probabilities"))
+    outputs: list[Output] = [*([clouds] if wanted.cloud else []), *([probabilities] if wanted.bag else [])]
+    chosen = sensor_of(recording, runner.bundle.manifest, runner.settings.profile)
+    told = _warn_of_misfits(in_own_frame(recording, chosen), chosen.entry.range_image, options.skip_broken, voice)
+    with warnings.catch_warnings(), voice.counted(f"sequence {recording.name}", labels=True) as progress:
+        for topic in told:
+            warnings.filterwarnings("ignore", f"{topic}: ", MosWarning)  # the runner's own word on it
+        summary = predict(
+            recording,
+            runner,
+            out,
+            overwrite=overwrite,
+            skip_broken=options.skip_broken,
+            outputs=outputs,
+            on_progress=progress,
+        )
+    if summary.broken:
+        reasons = some([f"{key} ({reason})" for key, reason in summary.broken.items()])
+        broken = f"broken scans, left without a label: {len(summary.broken)}: {reasons}"
+        voice.warn(f"sequence {recording.name}: {broken}")
+    if wanted.cloud:
+        voice.show(f"clouds: {labels.with_name('clouds')}")
+    if wanted.bag:
+        with voice.counted(f"{recording.name} with labels") as progress:
+            count = write_labelled_bag(recording, labels, probabilities, labels.with_name("bag"), progress)
+        voice.show(f"bag with labels: {labels.with_name('bag')}, {count} clouds")
+    if wanted.clean or wanted.map:
+        _write_left(recording, labels, wanted, voice)
+    return summary
+
+
+def _located(recording: Indexed, options: Options, folder: Path, voice: Voice) -> Indexed:
+    """The recording, with poses by odometry where it has none, which are kept in the folder."""
+    if recording.poses is not None:
+        return recording
+    with voice.counted(f"poses of {recording.name}") as progress:
+        return with_poses(recording, folder=folder, deskew=options.deskew, on_progress=progress)
+
+
+def _warn_of_misfits(recording: Indexed, image: RangeImage, skip_broken: bool, voice: Voice) -> set[str]:
+    """Say what makes the labels of a recording worthless, such as poses in another frame; its topics.
+
+    skip_broken: not what is broken, which is said at the end.
+    """
+    bad = [finding for finding in diagnose(recording, image) if finding.level == "bad"]
+    told = [finding for finding in bad if not (skip_broken and finding.topic in ("scans", "poses"))]
+    for finding in told:
+        voice.warn(f"{recording.source}: {finding.topic}: {finding.text}. The labels will be wrong")
+    return {finding.topic for finding in told}
+
+
+def _write_left(recording: Indexed, labels: Path, wanted: Wanted, voice: Voice) -> None:
+    """The static map, and the recording without what moves, beside the folder of its labels."""
+    with voice.counted(f"what moves in {recording.name}") as progress:
+        votes = RecordingVotes(recording, labels, wanted.voxel, progress)
+    if wanted.map:
+        for path, points in write_maps(votes, labels.parent).items():
+            voice.show(f"static map: {path}, {points:,} points")
+        if wanted.picture and has_package(PILLOW):
+            from runtime.pictures.map_view import draw_map
+
+            picture = labels.with_name("map.png")
+            first = votes.stretches[0].votes
+            draw_map(picture, first.static_map().points, first.moving_places())
+            voice.show(f"from above, before and after: {picture}")
+    if wanted.clean:
+        with voice.counted(f"{recording.name} without it") as progress:
+            left = write_clean(votes, labels.with_name(CLEAN), wanted.form or SAME, progress)
+        share = percent(1 - left.kept / max(1, left.points))
+        voice.show(f"without what moves: {left.folder}, {left.scans} scans, {share} of the points left out")
