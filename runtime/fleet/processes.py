@@ -46,7 +46,8 @@ def label_in_processes(work: Work, paths: Sequence[Path], *, jobs: int, hear: He
                         waiting.appendleft(_Task(task.path, task.again + 1))
                     elif task:
                         hear(Done(name_of(task.path), f"its process died ({why}), {AGAIN + 1} times in a row"))
-                    crew.start()
+                    if waiting:
+                        crew.start()
                     continue
                 if isinstance(event, MosError):
                     raise event

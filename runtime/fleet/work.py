@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from runtime import __version__
 from runtime.bundle.loading import load_bundle, sha256_of
@@ -18,6 +18,7 @@ from runtime.fleet.labelling import label
 from runtime.fleet.voice import Progress, heard
 from runtime.fleet.wanted import Wanted
 from runtime.image.precision import choose_precision
+from runtime.recordings.extrinsics import read_extrinsics
 from runtime.recordings.recording import Options
 from runtime.recordings.registry import open_recording
 from runtime.recordings.searching import name_of
@@ -100,18 +101,20 @@ def settle(
 ) -> Work:
     """Decide here what would be decided by each machine: sensor file, precision of the network, where files lie.
 
-    Raises BundleError.
+    Raises BundleError, and SettingError or PoseError of extrinsics.
     """
     loaded = load_bundle(bundle)
     precision, _ = choose_precision(
         loaded, settings.precision, [provider_name(one) for one in settings.providers or ()]
     )
-    paths = {name: path.absolute() for name in ("poses", "calib") if (path := getattr(options, name))}
+    given: dict[str, Any] = {name: path.absolute() for name in ("poses", "calib") if (path := getattr(options, name))}
+    if options.extrinsics:
+        given["extrinsics"] = " ".join(repr(float(one)) for one in read_extrinsics(options.extrinsics).ravel())
     return Work(
         None if bundle is None else bundle.absolute(),
         sha256_of(loaded.path / MANIFEST),
         replace(settings, precision=precision, sensor=settings.profile),
-        replace(options, **paths),
+        replace(options, **given),
         out.absolute(),
         overwrite,
         wanted,

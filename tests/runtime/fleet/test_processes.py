@@ -53,7 +53,7 @@ def test_a_process_that_is_killed(paths, plain, work_at, tmp_path, monkeypatch):
     assert labels(tmp_path).items() < plain.items()  # what is there is whole
     assert not multiprocessing.active_children()
 
-    label_in_processes(work_at(tmp_path), paths, jobs=3, hear=heard.append)  # the same again, two beside each other
+    label_in_processes(work_at(tmp_path), paths, jobs=2, hear=heard.append)  # the same command again
     assert labels(tmp_path) == plain
     assert done(heard)["02"].error == ""
 
@@ -64,7 +64,7 @@ def test_an_interrupt_ends_all(paths, plain, work_at, tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        label_in_processes(work_at(tmp_path), paths, jobs=2, hear=hear)
+        label_in_processes(work_at(tmp_path), paths, jobs=1, hear=hear)
     assert not multiprocessing.active_children()
     assert labels(tmp_path).items() < plain.items()
     assert not list(tmp_path.rglob("*.part"))
