@@ -41,7 +41,7 @@ def _open(path: Path, mapped: bool = False) -> npt.NDArray[np.generic]:
     """The array in a file; mapped: without reading it."""
     try:
         array = np.load(path, allow_pickle=False, mmap_mode="r" if mapped else None)
-    except (ValueError, EOFError, OSError) as error:
+    except Exception as error:  # NumPy raises almost anything over bytes that are damaged
         raise ScanError(f"{path}: cannot be read as a NumPy array: {error}") from error
     if not isinstance(array, np.ndarray):
         raise ScanError(f"{path}: holds several arrays; save one array (points, 4) with numpy.save")

@@ -1,0 +1,26 @@
+"""Damaged files by seeded mutation: the short form of `python -m bench.faults`, without processes of their own."""
+
+import json
+
+import pytest
+
+from bench.faults import KINDS, try_kind
+from export.bundle.write import plain
+from runtime.errors import CheckpointError
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_damaged_is_read_or_refused(kind, capsys):
+    try_kind(kind, seed=2, count=15)
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [line for line in lines if "failed" in line] == []
+    assert lines[-1]["refused"] > 0
+
+
+def test_a_record_of_few_bytes_and_many_values():
+    record: list = []
+    for _ in range(60):
+        record = [record, record]
+    with pytest.raises(CheckpointError, match="more than"):
+        plain({"step": record})
+    assert plain({"step": [1, (2.5, "x")], "best": float("inf")}) == {"step": [1, [2.5, "x"]]}
