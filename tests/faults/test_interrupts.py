@@ -26,6 +26,14 @@ def runner():
     return MosRunner(BUNDLE, threads=2, belief="online")
 
 
+@pytest.fixture(autouse=True)
+def heeded():
+    """Ctrl-C counts, also where the tests were started in the background, as by a script, which ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def interrupt():
     """Ctrl-C, now."""
     os.kill(os.getpid(), signal.SIGINT)
