@@ -85,6 +85,7 @@ PLACES = {
             "mos_model/simulator/write.py": "how simulated drives are written",
             "runtime/compute/packages.py": "an extra of that name",
             "bench/formats.py": "whether all formats are read alike",
+            "bench/faults.py": "what readers say of damaged files",
             "runtime/odometry/pose_store.py": "how poses that were found are kept",
         },
     ),
@@ -105,6 +106,7 @@ PLACES = {
             "runtime/recordings/journal.py": "one line after the other; what it holds is built there",
             "mos_model/train.py": "a single value of the command line",
             "bench/startup.py": "what its own process printed",
+            "bench/faults.py": "manifests that are damaged, and what its own process printed",
         },
     ),
     "where a tuned number lives": Place(
