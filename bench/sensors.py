@@ -70,7 +70,7 @@ def bench(
     threads: int = 2,
     out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
 ) -> None:
-    """Moving IoU, precision and recall (%) by sensor, and ms a scan; false alarms where nothing moves."""
+    """Moving IoU, precision and recall (%) by sensor; false alarms where nothing moves."""
     rows: dict[str, dict[str, float | None]] = {}
     for name in sensors.split(",") if sensors else SENSORS:
         with MosRunner(bundle, threads=threads, sensor=name) as runner:

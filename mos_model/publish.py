@@ -58,7 +58,6 @@ def publish(
     """Write the checkpoint that ships."""
     if postprocess not in (None, *CHOICES["postprocess"]):
         raise typer.BadParameter(f"{postprocess!r} is none of {', '.join(CHOICES['postprocess'])}")
-    out.parent.mkdir(parents=True, exist_ok=True)
     if mean_with is not None:
         scratch = TemporaryDirectory()  # goes with this call, however it ends
         mean = Path(scratch.name) / "mean.pt"
@@ -99,6 +98,7 @@ def publish(
         "step": found.training.get("step"),
     }
     config = found.config if name is None else replace(found.config, name=name)
+    out.parent.mkdir(parents=True, exist_ok=True)
     save(out, config, found.image_net, found.point_head, training, half=True)
     show_line(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
 
