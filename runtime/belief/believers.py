@@ -1,11 +1,14 @@
-"""From the labels of one scan to those of one scan among others: what was found at a place counts there again."""
+"""From the labels of one scan to those of one scan among others: what was found at a place counts there again, and what
+touches agrees."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from runtime.belief.memory import Memory
+from runtime.belief.objects import agree
 from runtime.belief.places import Places, Surveyor
 from runtime.bundle.manifest import BeliefNumbers, Decision, Manifest
 from runtime.compute.jit import kernel
@@ -71,7 +74,10 @@ class Unbelieving:
 
 
 class Online:
-    """Adds to the log-odds of a point what the last scans found at its place. A first scan keeps its labels."""
+    """Adds to the log-odds of a point what the last scans found at its place, and lets objects agree.
+
+    A first scan keeps its labels.
+    """
 
     def __init__(self, numbers: BeliefNumbers, workers: Workers) -> None:
         self.horizon, self._numbers, self._workers = numbers.horizon, numbers, workers
@@ -98,20 +104,20 @@ class Online:
         weight, floor = np.float32(self._numbers.weight), np.float32(self._numbers.floor)
         belief = np.maximum(weight * self._memory.recall(places.keys), floor)
         count = len(places.place)
+        log_odds = np.empty(count, np.float32)
+        self._in_ranges(lambda part: _weigh(places.log_odds[part], places.place[part], belief, log_odds[part]), count)
+        agree(places, log_odds, self._numbers.object_probability)
         believed = PointLabels(np.empty(count, np.bool_), np.empty(count, np.float32))
-        self._workers.ranges(
-            lambda start, stop: _weigh(
-                places.log_odds[start:stop],
-                places.place[start:stop],
-                belief,
-                self._threshold,
-                believed.moving[start:stop],
-                believed.probability[start:stop],
+        self._in_ranges(
+            lambda part: _decide(
+                log_odds[part], places.place[part], self._threshold, believed.moving[part], believed.probability[part]
             ),
             count,
-            _GRAIN,
         )
         return believed
+
+    def _in_ranges(self, kernel: Callable[[slice], None], count: int) -> None:
+        self._workers.ranges(lambda start, stop: kernel(slice(start, stop)), count, _GRAIN)
 
     def add(self, places: Places | None) -> None:
         """See `Believer`."""
@@ -159,12 +165,15 @@ def _as_number(threshold: float | None) -> np.float32:
 
 
 @kernel
-def _weigh(log_odds, place, belief, threshold, moving, probability):  # type: ignore[no-untyped-def]
-    """Add up, and decide."""
+def _weigh(log_odds, place, belief, total):  # type: ignore[no-untyped-def]
+    """Add up."""
+    for i in range(place.size):
+        total[i] = log_odds[i] + belief[place[i]] if place[i] >= 0 else np.float32(0)
+
+
+@kernel
+def _decide(log_odds, place, threshold, moving, probability):  # type: ignore[no-untyped-def]
     one = np.float32(1)
     for i in range(place.size):
-        if place[i] < 0:
-            moving[i], probability[i] = False, np.float32(0)
-        else:
-            probability[i] = one / (one + np.exp(-(log_odds[i] + belief[place[i]])))
-            moving[i] = probability[i] > threshold
+        probability[i] = one / (one + np.exp(-log_odds[i])) if place[i] >= 0 else np.float32(0)
+        moving[i] = probability[i] > threshold

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from runtime.compute.arena import Arena
 from runtime.compute.hashing import hash_of
-from runtime.compute.jit import kernel
+from runtime.compute.jit import inlined, kernel
 from runtime.compute.workers import Workers
 from runtime.image.entry import Entered
 from runtime.recordings.poses import Pose
@@ -73,6 +73,15 @@ class Surveyor:
         slots = take("slots", (1 << max(4, (2 * count - 1).bit_length()),), np.int32)
         found = _gather(of_point, log_odds, slots, place, keys, evidence, seen)
         return Places(keys[:found], evidence[:found], place, log_odds)
+
+
+@inlined
+def neighbour(key, step):  # type: ignore[no-untyped-def]
+    """The key of the voxel that lies `step` (3,) int64 voxels from that of a key."""
+    mask = np.int64((1 << _BITS) - 1)
+    x = (key >> 2 * _BITS) + step[0] & mask
+    y = (key >> _BITS) + step[1] & mask
+    return (x << _BITS | y) << _BITS | key + step[2] & mask
 
 
 @kernel

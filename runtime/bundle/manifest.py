@@ -75,6 +75,7 @@ class BeliefNumbers:
     horizon: int = 16  # scans that count; older ones do not at all
     weight: float = 0.3  # of the sum of their log-odds, beside those of the scan itself
     floor: float = -6.0  # of that product: what stood for long may start to move
+    object_probability: float = 0.1  # from which on points in touching places are one object; 1: none are
 
     def __post_init__(self) -> None:
         if not 0.01 <= self.voxel_size <= 10:
@@ -83,6 +84,8 @@ class BeliefNumbers:
             raise SettingError(f"the horizon of belief must be 1 to 64 scans, not {self.horizon!r}")
         if not (0 <= self.weight <= 10 and -1000 <= self.floor <= 0):
             raise SettingError("belief takes a weight of 0 to 10 and a floor of -1000 to 0")
+        if not 0 < self.object_probability <= 1:
+            raise SettingError(f"points of objects have a probability above 0 to 1, not {self.object_probability!r}")
 
 
 @dataclass(frozen=True)

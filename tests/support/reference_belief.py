@@ -35,6 +35,32 @@ def recalled(past, horizon):
     return total
 
 
+def objects(cells, log_odds, least):
+    """Sets of the points (numbers) from `least` on whose voxels touch, if only at a corner; `cells`: voxel or None."""
+    inside = {}
+    for i, (cell, value) in enumerate(zip(cells, log_odds, strict=True)):
+        if cell is not None and value >= least:
+            inside.setdefault(cell, set()).add(i)
+    while inside:
+        cell, found = inside.popitem()
+        edge = [cell]
+        while edge:
+            x, y, z = edge.pop()
+            for near in [cell for cell in inside if max(abs(cell[0] - x), abs(cell[1] - y), abs(cell[2] - z)) <= 1]:
+                found |= inside.pop(near)
+                edge.append(near)
+        yield sorted(found)
+
+
+def agreed(cells, log_odds, least):
+    """The log-odds of all points, where those of an object have its median; of an even number the upper one."""
+    values = list(log_odds)
+    for found in objects(cells, log_odds, least):
+        for i in found:
+            values[i] = sorted(log_odds[j] for j in found)[len(found) // 2]
+    return values
+
+
 class Sets:
     """Sets of voxels of which the one that was seen longest ago gives way: no hash, no slots, whole histories."""
 

@@ -1,5 +1,7 @@
 """Labels of one scan among others, against dictionaries."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,8 @@ from runtime.settings import RunnerSettings
 from tests.support import reference_belief as reference
 from tests.support.paths import BUNDLE
 
-NUMBERS = BeliefNumbers(voxel_size=0.5, horizon=3, weight=0.4, floor=-2.0)
+ALONE = BeliefNumbers(voxel_size=0.5, horizon=3, weight=0.4, floor=-2.0, object_probability=1.0)
+TOGETHER = replace(ALONE, object_probability=0.6)
 THRESHOLD = 0.4
 
 
@@ -38,21 +41,27 @@ def labels(probability):
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_like_the_reference(threads):
-    believer, past = Online(NUMBERS, Workers(threads)), []
+@pytest.mark.parametrize("numbers", [ALONE, TOGETHER])
+def test_like_the_reference(numbers, threads):
+    believer, past = Online(numbers, Workers(threads)), []
     believer.decide_by(Decision(belief_threshold=THRESHOLD))
     lifted = lowered = 0
     for scan, pose, probability in drive(7):
         got = believer.believe(scan, pose, labels(probability), follows=bool(past))
         believer.add(got.places)
-        cells, evidence = reference.places(scan.points, scan.takes_part, pose, probability, NUMBERS.voxel_size)
-        known = reference.recalled(past, NUMBERS.horizon)
+        cells, evidence = reference.places(scan.points, scan.takes_part, pose, probability, numbers.voxel_size)
+        known = reference.recalled(past, numbers.horizon)
+        wanted = [
+            reference.log_odds(float(p)) + max(numbers.weight * known.get(cell, 0.0), numbers.floor)
+            for cell, p in zip(cells, probability, strict=True)
+        ]
+        if numbers.object_probability < 1:
+            wanted = reference.agreed(cells, wanted, reference.log_odds(numbers.object_probability))
         for i, cell in enumerate(cells):
             if cell is None:
                 assert (got.labels.moving[i], got.labels.probability[i]) == (False, 0)
             elif past:
-                belief = max(NUMBERS.weight * known.get(cell, 0.0), NUMBERS.floor)
-                want = 1 / (1 + np.exp(-reference.log_odds(float(probability[i])) - belief))
+                want = 1 / (1 + np.exp(-wanted[i]))
                 assert got.labels.probability[i] == pytest.approx(want, abs=5e-4)
                 assert got.labels.moving[i] == (want > THRESHOLD) or abs(want - THRESHOLD) < 5e-4
                 lifted += want > probability[i] + 0.1
@@ -63,7 +72,7 @@ def test_like_the_reference(threads):
 
 
 def test_a_scan_that_follows_none_keeps_its_labels():
-    believer = Online(NUMBERS, Workers(1))
+    believer = Online(TOGETHER, Workers(1))
     first, second = drive(2)
     believer.add(believer.believe(*first[:2], labels(first[2]), follows=False).places)
     given = labels(second[2])
@@ -71,7 +80,7 @@ def test_a_scan_that_follows_none_keeps_its_labels():
 
 
 def test_to_believe_changes_nothing_until_it_is_added():
-    believer = Online(NUMBERS, Workers(1))
+    believer = Online(TOGETHER, Workers(1))
     first, *others = drive(4)
     believer.add(believer.believe(*first[:2], labels(first[2]), follows=False).places)
     want = believer.believe(*others[2][:2], labels(others[2][2]), follows=True).labels
@@ -81,7 +90,7 @@ def test_to_believe_changes_nothing_until_it_is_added():
 
 
 def test_given_labels_are_not_written_to():
-    believer = Online(NUMBERS, Workers(1))
+    believer = Online(TOGETHER, Workers(1))
     for scan, pose, probability in drive(2):
         given = labels(probability)
         believer.add(believer.believe(scan, pose, given, follows=True).places)
@@ -105,6 +114,9 @@ def test_votes_are_not_believed():
         {"horizon": 65},
         {"weight": -1.0},
         {"floor": 1.0},
+        {"object_probability": 0.0},
+        {"object_probability": 1.5},
+        {"object_probability": float("nan")},
     ],
 )
 def test_numbers_that_cannot_be(wrong):
