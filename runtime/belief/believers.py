@@ -2,7 +2,6 @@
 touches agrees."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -79,8 +78,9 @@ class Online:
     A first scan keeps its labels.
     """
 
-    def __init__(self, numbers: BeliefNumbers, workers: Workers) -> None:
-        self.horizon, self._numbers, self._workers = numbers.horizon, numbers, workers
+    def __init__(self, numbers: BeliefNumbers, workers: Workers, later: int = 0) -> None:
+        """later: scans that are remembered beside those of the horizon."""
+        self.horizon, self._numbers, self._workers = numbers.horizon + later, numbers, workers
         self.decide_by(Decision())
         self._surveyor = Surveyor(numbers.voxel_size, workers)
         self._memory = Memory(self.horizon, workers)
@@ -133,7 +133,7 @@ class Delayed(Online):
     """Leaves labels as they are until `judge` is asked, when `delay` later scans are known too."""
 
     def __init__(self, numbers: BeliefNumbers, delay: int, workers: Workers) -> None:
-        super().__init__(replace(numbers, horizon=numbers.horizon + delay), workers)
+        super().__init__(numbers, workers, later=delay)
 
     def decide_by(self, decision: Decision) -> None:
         """See `Believer`."""

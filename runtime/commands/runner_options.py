@@ -18,6 +18,16 @@ def _choice(setting: str, **shown: Any) -> Any:
     return _option(metavar="|".join(CHOICES[setting]), **shown)
 
 
+def _scans_of_delay(given: str | int) -> int:
+    """Raises BadParameter. "all": of a whole recording the longest delay, beyond which little changes."""
+    text = str(given)  # the default is a number
+    if text == "all":
+        return LONGEST_DELAY
+    if not text.isdecimal() or int(text) > LONGEST_DELAY:
+        raise typer.BadParameter(f"{text!r} is neither a number of scans, 0 to {LONGEST_DELAY}, nor all")
+    return int(text)
+
+
 Postprocess = Annotated[str | None, _choice("postprocess", help="From pixels to points.", show_default="the bundle's")]
 Refine = Annotated[
     str | None,
@@ -45,7 +55,11 @@ Belief = Annotated[
 ]
 Delay = Annotated[
     int,
-    _option(min=0, max=LONGEST_DELAY, help="Later scans that count for a label too."),
+    _option(
+        parser=_scans_of_delay,
+        metavar="SCANS|all",
+        help=f"Later scans that count for a label too, {LONGEST_DELAY} at most; all: as many.",
+    ),
 ]
 Nearest = Annotated[
     float, _option(min=0, metavar="M", help="Nearer points take no part: the carrier itself, in view of the sensor.")

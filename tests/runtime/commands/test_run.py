@@ -17,7 +17,7 @@ from runtime.commands.main import main
 from runtime.commands.run import run
 from runtime.commands.runner_options import provider
 from runtime.runner import MosRunner
-from runtime.settings import RunnerSettings
+from runtime.settings import LONGEST_DELAY, RunnerSettings
 from tests.support import street
 from tests.support.paths import BUNDLE, ROOT
 
@@ -74,6 +74,24 @@ def test_every_setting_of_the_runner_has_an_option():
     for name in settings:
         spelled = {"providers": "--provider", "session_options": "--session-option", "deskew": "--no-deskew"}.get(name)
         assert options[name] == [spelled or f"--{name.replace('_', '-')}"]
+
+
+def test_the_longest_delay_is_all(folder, tmp_path, capsys):
+    arguments = ["run", str(folder), "--bundle", str(BUNDLE), "--postprocess", "none"]
+    for delay in ("all", str(LONGEST_DELAY)):
+        assert main([*arguments, "--delay", delay, "--out", str(tmp_path / delay)]) == 0
+    all_of_them, longest = (
+        [path.read_bytes() for path in sorted((tmp_path / delay).rglob("*.label"))]
+        for delay in ("all", str(LONGEST_DELAY))
+    )
+    assert len(all_of_them) == 10
+    assert all_of_them == longest
+
+
+@pytest.mark.parametrize("wrong", ["-1", "51", "1.5", "most", ""])
+def test_no_other_delay(wrong, folder, tmp_path, capsys):
+    assert main(["run", str(folder), "--out", str(tmp_path), f"--delay={wrong}"]) == 2
+    assert "neither a number of scans, 0 to 50, nor all" in " ".join(capsys.readouterr().err.replace("│", " ").split())
 
 
 def test_settings_reach_the_runner(folder, tmp_path, capsys):
