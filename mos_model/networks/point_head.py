@@ -88,7 +88,8 @@ class PointHead(nn.Module):
 
     def grid(self, xyz: Tensor, batch: Tensor | None = None) -> VoxelGrid:
         """What forward needs to know of points xyz (N, 3) float32 m; `batch` (N,) int64 tells scans apart."""
-        return VoxelGrid.from_points(xyz, self.config.voxel_size, self.depth + 1, batch)
+        still = self.config.reduce == "mean"
+        return VoxelGrid.from_points(xyz, self.config.voxel_size, self.depth + 1, batch, still)
 
     def forward(self, grid: VoxelGrid, features: Tensor) -> Tensor:
         """Logits (N, 3) of the points of `grid` from their image features (N, in_channels)."""

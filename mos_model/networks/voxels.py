@@ -55,13 +55,17 @@ class VoxelGrid:
     first: Tensor  # (P,) int64: the first point, in scan order, of each stride-1 voxel
 
     @classmethod
-    def from_points(cls, xyz: Tensor, voxel_size: float, strides: int, batch: Tensor | None = None) -> "VoxelGrid":
+    def from_points(
+        cls, xyz: Tensor, voxel_size: float, strides: int, batch: Tensor | None = None, still: bool = False
+    ) -> "VoxelGrid":
         """Voxels of xyz (N, 3) m at `strides` levels; `batch` (N,) int64 tells the scans of a batch apart.
 
         Coordinates are rounded in float32, half to even, and count from the minimum of each scan; points that
-        have no pixel must be left out. Raises ScanError for points that are not finite or too far apart.
+        have no pixel must be left out. still: from the corner of the coarsest voxel in which that lies, so that no
+        point shifts the grids of the others. Raises ScanError for points that are not finite or too far apart.
         """
-        keys = voxel_keys(xyz, voxel_size, batch, margin=1 << strides)  # (N,)
+        step = 1 << strides - 1 if still else 1
+        keys = voxel_keys(xyz, voxel_size, batch, margin=1 << strides, step=step)  # (N,)
         order = keys.argsort(stable=True)  # (N,)
         ranked = keys[order]  # (N,)
         is_new = torch.ones_like(ranked, dtype=torch.bool)  # (N,)
@@ -89,8 +93,10 @@ class VoxelGrid:
         return Corners(torch.stack(rows, 1), weight / weight.sum(1, keepdim=True))
 
 
-def voxel_keys(xyz: Tensor, voxel_size: float, batch: Tensor | None, margin: int) -> Tensor:
+def voxel_keys(xyz: Tensor, voxel_size: float, batch: Tensor | None, margin: int, step: int = 1) -> Tensor:
     """Keys (N,) int64 of points (N, 3) m; `margin` cells stay free at the upper end of each axis.
+
+    They count from the minimum of each scan, down to a multiple of `step` cells.
 
     So a step of less than `margin` cells, up or down, never lands on another voxel's key by overflow.
     """
@@ -112,6 +118,7 @@ def voxel_keys(xyz: Tensor, voxel_size: float, batch: Tensor | None, margin: int
     q = q.long()  # (N, 3)
     low = q.new_full((int(batch.max()) + 1, 3), 2**31)  # (B, 3)
     low.scatter_reduce_(0, batch[:, None].expand(-1, 3), q, "amin")
+    low = low.div(step, rounding_mode="floor") * step  # (B, 3)
     q = q - low[batch]  # (N, 3) from 0
     spread, limit = int(q.max()), (1 << BITS) - margin
     if spread >= limit:

@@ -18,7 +18,9 @@ class PointHeadConfig:
     fuse_after_up: int | None = 2  # point branch joins after this many decoder stages too (None: it does not)
     dropout: float = 0.3  # after each joining of the point branch, in training
     voxel_size: float = 0.05  # m
-    reduce: str = "first"  # feature of a voxel: that of its "first" point in scan order, or the "mean" of all
+    # feature of a voxel: that of its "first" point in scan order, voxels being counted from the lowest of the scan, as
+    # published; or the "mean" of all its points, on a grid that stands still: then no point far away has a say
+    reduce: str = "first"
 
     def __post_init__(self) -> None:
         if len(self.down) != len(self.up) or not self.down:

@@ -15,7 +15,7 @@ from runtime.compute.turns import Turns
 from runtime.compute.workers import Workers
 from runtime.errors import InferenceError, ScanError, SettingError
 from runtime.head.transfer import FeatureMap, features_to_voxels, to_points
-from runtime.head.voxels import voxelise
+from runtime.head.voxels import BLOCK, voxelise
 
 WARM_UP = 200  # points a side of the wall that is refined at the start: more voxels than most scans have near movers
 
@@ -31,6 +31,7 @@ class PointHead(ABC):
         self.timing: dict[str, float] = {}  # s spent in each step of the last scan
         self.multiply_adds = 0  # of the last scan, existing pairs only; 0 from engines that do not count
         self.voxels = 0  # voxels refined in the last scan
+        self._step = 1 if config.reduce == "first" else 1 << max(len(config.down), BLOCK)  # of the grid, in voxels
         self._arena = Arena()
         self._turns = Turns()
 
@@ -66,7 +67,7 @@ class PointHead(ABC):
                 return result
             began = perf_counter()
             near = None if candidates is None else (wanted, reach)
-            voxels = voxelise(xyz, self.config.voxel_size, self.workers, valid, near)
+            voxels = voxelise(xyz, self.config.voxel_size, self.workers, valid, near, self._step)
             began = self._spent("voxels", began)
             self.voxels = len(voxels.keys)
             if not self.voxels:

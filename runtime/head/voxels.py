@@ -12,7 +12,7 @@ from runtime.errors import ScanError
 AXIS_BITS = 21  # three axes fill 63 bits of a key
 _GRAIN = 32_768  # points per task
 _FAR = 1 << 30  # voxels; farther points cannot be counted in 32 bits
-_BLOCK = 2  # blocks of 2^2 voxels a side are near candidates, or not, as a whole
+BLOCK = 2  # blocks of 2^2 voxels a side are near candidates, or not, as a whole
 _SIDE, _HEIGHT = 256, 32  # blocks in x and y, and in z, after which marks repeat; powers of 2
 
 
@@ -27,7 +27,7 @@ class Voxels:
 
     @property
     def coords(self) -> NDArray[np.int32]:
-        """(V, 3) x y z in voxels, minimum over the scan = 0 on each axis; computed at each call."""
+        """(V, 3) x y z in voxels, from 0 on each axis (see `voxelise`); computed at each call."""
         return _coordinates(self.keys)  # type: ignore[no-any-return]
 
     @property
@@ -49,9 +49,12 @@ def voxelise(
     workers: Workers,
     valid: NDArray[np.bool_] | None = None,
     near: tuple[NDArray[np.bool_], int] | None = None,
+    step: int = 1,
 ) -> Voxels:
     """Voxels of a scan: `q = round(xyz / voxel_size)` in float32, ties to even, minus the minimum per axis.
 
+    step: that minimum, down to a multiple of so many voxels: then grids of strides that divide it stand still in the
+    sensor's frame, and no return, however low it lies, shifts those of the others.
     `xyz` (N, 3) float32 m; `valid` (N,) bool: those that take part, which are finite; None: all. `near`: candidates
     (N,) bool and a distance in voxels; leaves out the voxels that are farther (on some axis) from those of all
     candidates, but not each of them, on the grid of the whole scan. Raises ScanError where the scan spans 2^21 voxels.
@@ -68,11 +71,11 @@ def voxelise(
     tasks = -(-count // _GRAIN)
     box = np.empty((tasks, 2, 3), np.float32)  # lowest and highest coordinates of each task
     workers.ranges(lambda start, stop: _extent(xyz, mask, start, stop, box[start // _GRAIN]), count, _GRAIN)
-    lowest, span = _grid(box, size)
+    lowest, span = _grid(box, size, step)
     marks = np.zeros((0, 0), np.uint32)
     if near is not None:
         marks = np.zeros((_SIDE, _SIDE), np.uint32)
-        apart = min(-(-near[1] >> _BLOCK), _SIDE // 2)
+        apart = min(-(-near[1] >> BLOCK), _SIDE // 2)
         _mark(xyz, size, lowest, mask, np.flatnonzero(np.require(near[0], np.bool_)), apart, marks)
     keys, points = np.empty(count, np.int64), np.empty(count, np.int32)
     ends = np.zeros(tasks, np.int64)
@@ -90,21 +93,25 @@ def voxelise(
     return Voxels(keys, order, starts, count)
 
 
-def _grid(box: NDArray[np.float32], size: np.float32) -> tuple[NDArray[np.int64], int]:
-    """The lowest voxel on each axis, and the longest side in voxels; `box` (tasks, 2, 3) m, infinite without points."""
+def _grid(box: NDArray[np.float32], size: np.float32, step: int) -> tuple[NDArray[np.int64], int]:
+    """The voxel that is 0 on each axis, and the longest side in voxels; `box` (tasks, 2, 3) m, infinite without points.
+
+    It is the lowest, or the next multiple of `step` below.
+    """
     corners = np.stack([box[:, 0].min(axis=0, initial=np.inf), box[:, 1].max(axis=0, initial=-np.inf)])
     if not np.isfinite(corners).all():
         return np.zeros(3, np.int64), 0
     with np.errstate(over="ignore"):
         cells = np.rint(corners / size)  # rounding keeps order, so these are the first and last of the points' voxels
     farthest = float(np.abs(cells).max())
-    span = int(min((cells[1].astype(np.float64) - cells[0]).max(), 1 << AXIS_BITS))
+    lowest = cells[0].astype(np.float64) // step * step
+    span = int(min((cells[1] - lowest).max(), 1 << AXIS_BITS))
     if farthest >= _FAR or span >> AXIS_BITS:
         raise ScanError(
             f"the scan spans {np.abs(corners).max():.3g} m or more, too far for {1 << AXIS_BITS} voxels of {size:g} m: "
             f"drop the far points or use larger voxels"
         )
-    return cells[0].astype(np.int64), span
+    return lowest.astype(np.int64), span
 
 
 @inlined
@@ -133,9 +140,9 @@ def _mark(xyz, size, lowest, valid, candidates, apart, marks):  # type: ignore[n
     for i in candidates:
         if not valid[i]:
             continue
-        x = _cell(xyz[i, 0], size) - lowest[0] >> _BLOCK
-        y = _cell(xyz[i, 1], size) - lowest[1] >> _BLOCK
-        z = _cell(xyz[i, 2], size) - lowest[2] >> _BLOCK
+        x = _cell(xyz[i, 0], size) - lowest[0] >> BLOCK
+        y = _cell(xyz[i, 1], size) - lowest[1] >> BLOCK
+        z = _cell(xyz[i, 2], size) - lowest[2] >> BLOCK
         own = np.uint32(1) << np.uint32(z & _HEIGHT - 1)
         if seen[x & _SIDE - 1, y & _SIDE - 1] & own:
             continue
@@ -178,8 +185,8 @@ def _keys(xyz, size, valid, marks, lowest, start, stop, keys, points):  # type: 
             y = _cell(xyz[i, 1], size) - lowest[1]
             z = _cell(xyz[i, 2], size) - lowest[2]
             if marks.size:
-                tower = marks[x >> _BLOCK & _SIDE - 1, y >> _BLOCK & _SIDE - 1]
-                if not tower >> np.uint32(z >> _BLOCK & _HEIGHT - 1) & np.uint32(1):
+                tower = marks[x >> BLOCK & _SIDE - 1, y >> BLOCK & _SIDE - 1]
+                if not tower >> np.uint32(z >> BLOCK & _HEIGHT - 1) & np.uint32(1):
                     continue
             keys[end] = _spread(x) << 2 | _spread(y) << 1 | _spread(z)
             points[end] = i

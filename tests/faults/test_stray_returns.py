@@ -52,6 +52,18 @@ def test_a_wild_remission(runner, scans, remission):
     assert (got != want).any()
 
 
+@pytest.mark.parametrize("place", [(-110, -3, -1), (30, -100, -1.5), (12, 5, -9.3), (8, 2, 0.5)])
+def test_a_return_within_reach(runner, scans, place):
+    """Also one that lies lower, or farther out, than all others: voxels and their strides do not begin with it."""
+    scan = scans[-1][0]
+    want = probability(runner, scans, scan)
+    got = probability(runner, scans, np.vstack([scan, np.array([[*place, 0.3]], np.float32)]))[:-1]
+    azimuth = np.arctan2(scan[:, 1], scan[:, 0]) - np.arctan2(place[1], place[0])
+    apart = np.abs((azimuth + np.pi) % (2 * np.pi) - np.pi) > BEYOND
+    assert (want > 0.2).sum() > 100  # candidates of the point head
+    assert (np.abs(got - want)[apart] > 0.02).sum() <= 5
+
+
 def test_ordinary_remission_is_as_it_was(runner, scans):
     """At the ends of its range too: what is cut off lies beyond."""
     scan = scans[-1][0]

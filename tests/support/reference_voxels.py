@@ -23,10 +23,10 @@ def published_weights(name, seed=2026):
     return under_our_names(state, head_modules({"full": FULL, "lite": LITE}[name]))
 
 
-def voxelise(xyz, size, valid):
+def voxelise(xyz, size, valid, step=1):
     """(coordinates in any order, voxel of each point or -1, first point of each voxel)."""
     cells = np.round(xyz / np.float32(size))
-    cells = cells - cells[valid].min(axis=0) if valid.any() else cells
+    cells = cells - np.floor(cells[valid].min(axis=0) / step) * step if valid.any() else cells
     voxels, inverse, first = [], np.full(len(xyz), -1), []
     rows = {}
     for i in np.flatnonzero(valid):
@@ -167,7 +167,8 @@ def relu(features):
 
 def refine(weights, config, xyz, valid, features):
     """Probabilities (N, 3) of all valid points, NaN for the others."""
-    voxels, inverse, first = voxelise(xyz, config.voxel_size, valid)
+    step = 2 ** len(config.down) if config.reduce == "mean" else 1
+    voxels, inverse, first = voxelise(xyz, config.voxel_size, valid, step)
     if config.reduce == "mean":
         rows = {v: features[inverse == i].mean(axis=0, dtype=np.float64) for i, v in enumerate(voxels)}
     else:

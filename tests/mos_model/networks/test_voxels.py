@@ -104,6 +104,18 @@ def test_scans_of_a_batch_may_be_interleaved() -> None:
         np.testing.assert_array_equal(rows - rows.min(), alone.inverse)
 
 
+def test_a_grid_that_stands_still() -> None:
+    """A point that lies lower than all others shifts none of theirs, at no stride."""
+    xyz, size = cloud(300, 9), torch.tensor(0.05)
+    cells = (xyz / size).round().long()
+    for low in (0.0, 0.3, 0.31):
+        grid = VoxelGrid.from_points(torch.cat([xyz, xyz.amin(0, keepdim=True) - low]), 0.05, 3, still=True)
+        for level in grid.levels:
+            _, wanted = torch.unique(cells.div(level.stride, rounding_mode="floor"), dim=0, return_inverse=True)
+            rows = level.ancestor[grid.inverse[:-1]]
+            assert len(set(zip(rows.tolist(), wanted.tolist(), strict=True))) == len(set(wanted.tolist()))
+
+
 def test_empty_scan() -> None:
     grid = VoxelGrid.from_points(torch.empty(0, 3), 0.05, 3)
     assert [len(level.keys) for level in grid.levels] == [0, 0, 0]

@@ -11,12 +11,12 @@ from tests.support import reference_voxels as reference
 SIZE = 0.05
 
 
-def check(xyz, valid=None, threads=2, size=SIZE):
+def check(xyz, valid=None, threads=2, size=SIZE, step=1):
     """Compare with the reference, voxel by voxel."""
-    found = voxelise(xyz, size, Workers(threads), valid)
+    found = voxelise(xyz, size, Workers(threads), valid, step=step)
     xyz = np.array(xyz)
     used = np.ones(len(xyz), bool) if valid is None else np.array(valid)
-    voxels, inverse, first = reference.voxelise(np.where(used[:, None], xyz, 0), size, used)
+    voxels, inverse, first = reference.voxelise(np.where(used[:, None], xyz, 0), size, used, step)
     order = {tuple(voxel): i for i, voxel in enumerate(found.coords.tolist())}
     assert sorted(order) == sorted(voxels)
     assert (np.diff(found.keys) > 0).all()
@@ -32,6 +32,18 @@ def check(xyz, valid=None, threads=2, size=SIZE):
 @pytest.mark.parametrize("threads", [1, 3])
 def test_like_the_reference(seed, threads):
     check(reference.surfaces(seed, 700), threads=threads)
+
+
+@pytest.mark.parametrize("step", [2, 4, 16])
+def test_a_grid_that_stands_still(step):
+    """Whatever lies lowest, the others keep their places in it."""
+    xyz = reference.surfaces(1, 500)
+    cells = np.round(xyz / np.float32(SIZE))
+    for low in (0.0, 0.01, 0.3, 7.77):
+        found = check(np.vstack([xyz, xyz.min(axis=0) - np.float32(low)]), step=step)
+        places = found.coords[found.inverse[:-1]]
+        assert (places.min(axis=0) >= 0).all()
+        assert ((places - cells) % step == 0).all()
 
 
 def test_several_tasks():
