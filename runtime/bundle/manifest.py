@@ -73,7 +73,7 @@ class BeliefNumbers:
 
     voxel_size: float = 0.25  # m, of a place
     horizon: int = 16  # scans that count; older ones do not at all
-    weight: float = 0.3  # of the sum of their log-odds, beside those of the scan itself
+    weight: float = 0.2  # of the sum of their log-odds, beside those of the scan itself
     floor: float = -6.0  # of that product: what stood for long may start to move
     object_probability: float = 0.1  # from which on points in touching places are one object; 1: none are
 
