@@ -106,7 +106,7 @@ class Online:
         count = len(places.place)
         log_odds = np.empty(count, np.float32)
         self._in_ranges(lambda part: _weigh(places.log_odds[part], places.place[part], belief, log_odds[part]), count)
-        agree(places, log_odds, self._numbers.object_probability)
+        agree(places, log_odds, self._numbers.object_probability, self._numbers.doubtful)
         believed = PointLabels(np.empty(count, np.bool_), np.empty(count, np.float32))
         self._in_ranges(
             lambda part: _decide(

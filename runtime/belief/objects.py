@@ -16,13 +16,18 @@ _NONE = np.int32(-1)
 _STEPS = np.array([s for s in np.ndindex(3, 3, 3) if s > (1, 1, 1)], np.int64) - 1
 
 
-def agree(places: Places, log_odds: NDArray[np.float32], least: float) -> None:
+def agree(places: Places, log_odds: NDArray[np.float32], least: float, doubtful: float) -> None:
     """Give the points of every object the median of its log-odds, in place; of an even number the upper one.
 
-    log_odds: (N,) f32, that a point moves; least: probability, above 0, from which on a point belongs to an object.
+    log_odds: (N,) f32, that a point moves; least: probability, above 0, from which on a point belongs to an object;
+    doubtful: that from which on it is raised to the median, too. What is surely standing is the ground at its wheels.
     """
     if least < 1:
-        _agree(places.place, places.keys, log_odds, np.float32(np.log(least / (1 - least))), _STEPS)
+        _agree(places.place, places.keys, log_odds, np.float32(_logit(least)), np.float32(_logit(doubtful)), _STEPS)
+
+
+def _logit(probability: float) -> float:
+    return float(np.log(probability / (1 - probability)))
 
 
 @inlined
@@ -57,7 +62,7 @@ def _select(values, start, stop, k):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _agree(place, keys, log_odds, least, steps):  # type: ignore[no-untyped-def]
+def _agree(place, keys, log_odds, least, doubtful, steps):  # type: ignore[no-untyped-def]
     node_of = np.full(keys.size, _NONE, np.int32)  # of a place
     nodes = np.empty(keys.size, np.int64)  # keys of the places that have such points
     count, points = np.int32(0), 0
@@ -104,4 +109,5 @@ def _agree(place, keys, log_odds, least, steps):  # type: ignore[no-untyped-def]
         if stop > start:
             median = _select(values, start, stop, (start + stop) // 2)
             for k in range(start, stop):
-                log_odds[owner[k]] = median
+                if log_odds[owner[k]] >= min(doubtful, median):
+                    log_odds[owner[k]] = median

@@ -75,7 +75,8 @@ class BeliefNumbers:
     horizon: int = 16  # scans that count; older ones do not at all
     weight: float = 0.2  # of the sum of their log-odds, beside those of the scan itself
     floor: float = -6.0  # of that product: what stood for long may start to move
-    object_probability: float = 0.1  # from which on points in touching places are one object; 1: none are
+    object_probability: float = 0.05  # from which on points in touching places are one object; 1: none are
+    doubtful: float = 0.25  # probability from which on points are raised to what their object is believed to be
 
     def __post_init__(self) -> None:
         if not 0.01 <= self.voxel_size <= 10:
@@ -86,6 +87,8 @@ class BeliefNumbers:
             raise SettingError("belief takes a weight of 0 to 10 and a floor of -1000 to 0")
         if not 0 < self.object_probability <= 1:
             raise SettingError(f"points of objects have a probability above 0 to 1, not {self.object_probability!r}")
+        if not 0 < self.doubtful < 1:
+            raise SettingError(f"points that are doubtful have a probability between 0 and 1, not {self.doubtful!r}")
 
 
 @dataclass(frozen=True)

@@ -52,12 +52,14 @@ def objects(cells, log_odds, least):
         yield sorted(found)
 
 
-def agreed(cells, log_odds, least):
-    """The log-odds of all points, where those of an object have its median; of an even number the upper one."""
+def agreed(cells, log_odds, least, doubtful):
+    """The log-odds of all points, where those of an object have its median, but that those below `doubtful` are not
+    raised; of an even number the upper one."""
     values = list(log_odds)
     for found in objects(cells, log_odds, least):
+        median = sorted(log_odds[j] for j in found)[len(found) // 2]
         for i in found:
-            values[i] = sorted(log_odds[j] for j in found)[len(found) // 2]
+            values[i] = median if log_odds[i] >= doubtful else min(median, log_odds[i])
     return values
 
 

@@ -17,7 +17,7 @@ from tests.support import reference_belief as reference
 from tests.support.paths import BUNDLE
 
 ALONE = BeliefNumbers(voxel_size=0.5, horizon=3, weight=0.4, floor=-2.0, object_probability=1.0)
-TOGETHER = replace(ALONE, object_probability=0.6)
+TOGETHER = replace(ALONE, object_probability=0.5, doubtful=0.7)
 THRESHOLD = 0.4
 
 
@@ -56,7 +56,8 @@ def test_like_the_reference(numbers, threads):
             for cell, p in zip(cells, probability, strict=True)
         ]
         if numbers.object_probability < 1:
-            wanted = reference.agreed(cells, wanted, reference.log_odds(numbers.object_probability))
+            limits = (reference.log_odds(p) for p in (numbers.object_probability, numbers.doubtful))
+            wanted = reference.agreed(cells, wanted, *limits)
         for i, cell in enumerate(cells):
             if cell is None:
                 assert (got.labels.moving[i], got.labels.probability[i]) == (False, 0)
@@ -117,6 +118,8 @@ def test_votes_are_not_believed():
         {"object_probability": 0.0},
         {"object_probability": 1.5},
         {"object_probability": float("nan")},
+        {"doubtful": 0.0},
+        {"doubtful": 1.0},
     ],
 )
 def test_numbers_that_cannot_be(wrong):

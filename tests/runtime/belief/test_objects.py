@@ -10,7 +10,7 @@ from runtime.image.entry import Entry
 from tests.support import reference_belief as reference
 
 SIZE = 0.5
-LEAST = 0.1
+LEAST, DOUBTFUL = 0.1, 0.3
 NOTHING = np.eye(4)
 
 
@@ -34,10 +34,11 @@ def test_like_the_reference(seed):
     pose[:3, 3] = rng.uniform(-3, 3, 3)
     log_odds = rng.normal(-2, 3, len(xyz)).astype(np.float32)
     (places, scan), got = places_of(xyz, pose), log_odds.copy()
-    agree(places, got, LEAST)
-    want = reference.agreed(cells_of(scan, pose), log_odds.tolist(), reference.log_odds(LEAST))
+    agree(places, got, LEAST, DOUBTFUL)
+    limits = reference.log_odds(LEAST), reference.log_odds(DOUBTFUL)
+    want = reference.agreed(cells_of(scan, pose), log_odds.tolist(), *limits)
     np.testing.assert_array_equal(got, np.float32(want))
-    assert 20 < (got != log_odds).sum() < 400
+    assert 10 < (got != log_odds).sum() < 400
 
 
 def test_far_from_the_origin_keys_wrap_around():
@@ -47,21 +48,27 @@ def test_far_from_the_origin_keys_wrap_around():
     pose = np.eye(4)
     pose[:3, 3] = edge - 1
     log_odds = np.array([3, 1, 2], np.float32)
-    agree(places_of(xyz, pose)[0], log_odds, LEAST)
+    agree(places_of(xyz, pose)[0], log_odds, LEAST, DOUBTFUL)
     assert log_odds.tolist() == [2, 2, 2]
 
 
 def test_of_an_even_number_the_upper_median():
-    log_odds = np.array([-1, 4, 2, 0], np.float32)
-    agree(places_of([(3, 0.1 * i, 0) for i in range(4)])[0], log_odds, LEAST)
+    log_odds = np.array([-0.5, 4, 2, 0], np.float32)
+    agree(places_of([(3, 0.1 * i, 0) for i in range(4)])[0], log_odds, LEAST, DOUBTFUL)
     assert log_odds.tolist() == [2, 2, 2, 2]
+
+
+def test_what_surely_stands_is_not_raised_but_has_a_say():
+    log_odds = np.array([-1, -1.5, 4, -2, 5], np.float32)
+    agree(places_of([(3, 0.1 * i, 0) for i in range(5)])[0], log_odds, LEAST, DOUBTFUL)
+    assert log_odds.tolist() == [-1, -1.5, -1, -2, -1]
 
 
 @pytest.mark.parametrize("least", [LEAST, 1.0])
 def test_nothing_to_agree(least):
     for xyz, given in (([], []), ([(3, 0, 0), (3, 0.1, 0)], [-5, -9]), ([(3, 0, 0), (30, 0, 0)], [5, 1])):
         log_odds = np.array(given, np.float32)
-        agree(places_of(np.reshape(xyz, (-1, 3)))[0], log_odds, least)
+        agree(places_of(np.reshape(xyz, (-1, 3)))[0], log_odds, least, DOUBTFUL)
         assert log_odds.tolist() == given
 
 
@@ -70,5 +77,5 @@ def test_one_object_of_a_whole_scan():
     xyz = rng.uniform(0.3, 6, (20_000, 3))
     log_odds = rng.normal(5, 1, len(xyz)).astype(np.float32)
     want = np.sort(log_odds)[len(log_odds) // 2]
-    agree(places_of(xyz)[0], log_odds, LEAST)
+    agree(places_of(xyz)[0], log_odds, LEAST, DOUBTFUL)
     assert set(log_odds.tolist()) == {float(want)}
