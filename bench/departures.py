@@ -120,7 +120,7 @@ def build(factor: int, change: Callable[[RealtimeNet], None]) -> tuple[nn.Module
     config = RealtimeConfig(channels=CHANNELS, widths=tuple(factor * width for width in RealtimeConfig.widths))
     network = RealtimeNet(config)
     change(network)
-    return network.eval(), (1, config.in_channels, config.range_image.height, config.range_image.width)
+    return network.eval(), (1, *config.view.shape)
 
 
 def bench(

@@ -83,10 +83,9 @@ def of_bundle(name: str) -> Iterator[tuple[Path, bytes, Reader]]:
                 values["files"][name] |= {"sha256": sha256_of(path), "bytes": path.stat().st_size}
                 (folder / MANIFEST).write_text(json.dumps(values))
             bundle = load_bundle(folder)
-            image = bundle.manifest.sensor.range_image
             if name == "image_net.onnx":
                 net = ImageNet.of(bundle, threads=1)
-                net.run(np.zeros((5 + len(bundle.manifest.residual.lags), image.height, image.width), np.float32))
+                net.run(np.zeros(bundle.manifest.view(bundle.manifest.sensor).shape, np.float32))
             elif name == "point_head.npz" and bundle.manifest.point_head is not None:
                 PointHeadEngine(bundle.point_head(), bundle.manifest.point_head, Workers(1))
 

@@ -32,7 +32,7 @@ def compare(
     torch.set_num_threads(threads)
     model = named_config(config, channels)
     network = model.build_image_network().eval()
-    shape = (model.in_channels, model.range_image.height, model.range_image.width)
+    shape = model.view.shape
     scenes = simulated(SampleConfig.of(model), CALIBRATION_STREETS, 2) if int8 else []
     images = [scene.image for scene in scenes]
     image = images[0][0] if int8 else np.random.default_rng(0).normal(0, 0.5, shape).astype(np.float32)
@@ -86,7 +86,7 @@ def openvino_peers(path: Path, images: list[np.ndarray], threads: int) -> dict[s
 
 
 def bench(
-    config: Annotated[str, typer.Option(help="Network: lmnet, b, c, d, e, v1, rt")] = "v1",
+    config: Annotated[str, typer.Option(help="Network: lmnet, b, c, d, e, v1, rt, limoseg")] = "v1",
     channels: int = 32,
     threads: int = 2,
     rounds: int = 7,

@@ -44,6 +44,7 @@ class Row(NamedTuple):
 ROWS = {
     "LMNet, kNN": Row("lmnet", "knn"),
     "v1, kNN": Row("v1", "knn"),
+    "LiMoSeg": Row("limoseg", "none"),
     "v2-lite, 2 % of points": Row("v2-lite", "head", "near", 0.02),
     "v2-lite in INT8, 2 % of points": Row("v2-lite", "head", "near", 0.02, "int8"),
     "v2-lite, all points": Row("v2-lite", "head", "all"),
@@ -216,7 +217,7 @@ def bench(
             typer.echo(f"{name}: {found[name]['ms']['scan']['median']:.0f} ms a scan", err=True)
         networks = {
             config: alone(measure_network, config, threads, rounds, compiled)
-            for config in ("lmnet", "v1", "rt")
+            for config in ("lmnet", "v1", "rt", "limoseg")
             if not (quick and config == "lmnet")
         }
         heads = {

@@ -7,6 +7,7 @@ import math
 import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -60,9 +61,9 @@ class Watcher:
                 said.append(f"{number} jump")
                 history.clear()
             past = history.past(pose)
-            image = self.inputs.build(scan, past)
+            self.inputs.build(scan, past)
             started = time.thread_time()
-            look = self.watch.look(points, image, past)
+            look = self.watch.look(points, partial(self.inputs.range_image, scan), past)
             self.seconds.append(time.thread_time() - started)
             self.watch.keep(look)
             self.fits += look.memory.fits[-1:] if look.memory.fits is not fits else ()

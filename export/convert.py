@@ -162,6 +162,7 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
         postprocess=training.get("postprocess", "head" if head else "knn"),
         accuracy=plain(training.get("accuracy", {})),
         licence=training.get("licence", "unknown"),
+        bird=config.view.bird,
     )
 
 

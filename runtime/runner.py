@@ -194,9 +194,8 @@ class MosRunner:
         watch = Stopwatch()
         taken, pose, entered, jump = arrived = self._enter(*given)
         past = [] if jump else self._history.past(pose)
-        # Project and compare: the range image and its residuals
-        projected = self._stages.inputs.project(entered, past)
-        image = self._stages.inputs.residuals(projected, past)
+        # Project and compare: the scan and its past, as the network sees them
+        image = self._stages.inputs.build(entered, past)
         watch.lap("input")
         # Infer and refine: from pixels to points
         labels = self._label(entered, image, watch)
@@ -204,7 +203,8 @@ class MosRunner:
         labels, places = self._believer.believe(entered, pose, labels, follows=bool(past))
         watch.lap("belief")
         # Remember
-        look = self._doctor.look(taken.data if self._stages.choice.mounting is None else entered.points, image, past)
+        shown = taken.data if self._stages.choice.mounting is None else entered.points
+        look = self._doctor.look(shown, partial(self._stages.inputs.range_image, entered), past)
         begun = self._begun
         self._warn(look, jump)  # where warnings are errors, all stays as it was
 

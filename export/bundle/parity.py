@@ -11,8 +11,8 @@ from mos_model.networks.image_output import ImageOutput
 from mos_model.networks.point_head import PointHead as TorchHead
 from mos_model.simulator import simulate
 from runtime.bundle.loading import Bundle
-from runtime.bundle.manifest import POINT_HEAD, POINT_HEAD_ONNX, SensorEntry
-from runtime.bundle.residual import HISTORY, Residual
+from runtime.bundle.manifest import POINT_HEAD, POINT_HEAD_ONNX, Manifest
+from runtime.bundle.residual import HISTORY
 from runtime.compute.workers import Workers
 from runtime.errors import ParityError
 from runtime.head.numba_engine import PointHeadEngine
@@ -21,7 +21,8 @@ from runtime.head.refinement import PointHead
 from runtime.head.transfer import FeatureMap
 from runtime.image.entry import Entered
 from runtime.image.image_net import ImageNet
-from runtime.image.inputs import ImageInput, InputBuilder
+from runtime.image.inputs import ImageInput
+from runtime.image.making import make_inputs
 
 LIMIT = 1e-4  # largest difference of a probability
 SEED = 2026  # of the simulated street
@@ -57,7 +58,7 @@ def check_parity(bundle: Bundle, image_net: nn.Module, point_head: TorchHead | N
     """Compare a bundle with the modules that it was made from. Raises ParityError beyond LIMIT."""
     manifest = bundle.manifest
     workers = Workers(threads)
-    scan, image = simulated_input(manifest.sensor, manifest.residual, workers)
+    scan, image = simulated_input(manifest, workers)
     with torch.inference_mode():
         want = image_net(torch.from_numpy(image.image[None]))
         want_probabilities, want_features = want.logits.softmax(1)[0].numpy(), want.features[0].numpy()
@@ -82,10 +83,11 @@ def check_parity(bundle: Bundle, image_net: nn.Module, point_head: TorchHead | N
     return parity
 
 
-def simulated_input(sensor: SensorEntry, residual: Residual, workers: Workers) -> tuple[Entered, ImageInput]:
-    """The last scan of a drive of that sensor, simulated with a full history, and the network's input for it."""
+def simulated_input(manifest: Manifest, workers: Workers) -> tuple[Entered, ImageInput]:
+    """The last scan of a drive of a bundle's sensor, simulated with a full history, and the network's input for it."""
+    sensor = manifest.sensor
     drive = [(frame.points, frame.pose) for frame in simulate(SEED, HISTORY + 1, sensor.name, movers=1.6)]
-    return InputBuilder(sensor.range_image, residual, workers, sensor.reach).image_of(drive)
+    return make_inputs(manifest.view(sensor), workers, sensor.reach).image_of(drive)
 
 
 def _head_differences(
@@ -101,7 +103,7 @@ def _head_differences(
     config = bundle.manifest.point_head
     if head is None or config is None:
         return {}
-    valid = scan.takes_part
+    valid = image.pixel >= 0
     xyz = np.ascontiguousarray(scan.points[:, :3])
     with torch.inference_mode():
         of_points = want.features_at(0, torch.from_numpy(image.pixel[valid]).long())
@@ -109,7 +111,7 @@ def _head_differences(
     engines: dict[str, PointHead] = {POINT_HEAD: PointHeadEngine(bundle.point_head(), config, workers)}
     if POINT_HEAD_ONNX in bundle.manifest.files:
         engines[POINT_HEAD_ONNX] = OnnxHead(bundle.path / POINT_HEAD_ONNX, config, workers)
-    given = xyz, valid, FeatureMap(features, image.pixel, bundle.manifest.sensor.range_image.width)
+    given = xyz, valid, FeatureMap(features, image.pixel, image.image.shape[2])
     return {name: _difference(engine.refine(*given)[valid], of_head) for name, engine in engines.items()}
 
 

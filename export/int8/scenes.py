@@ -9,10 +9,11 @@ import numpy as np
 from mos_model.data.dataset import SampleConfig, SimulatedStreets
 from mos_model.data.mixture import MixedDrives
 from runtime.bundle.residual import HISTORY
+from runtime.bundle.view import SCAN_CHANNELS
 from runtime.compute.workers import Workers
 from runtime.doctor.demand import demand_fit
 from runtime.errors import MosWarning, SequenceError
-from runtime.image.inputs import InputBuilder
+from runtime.image.making import make_inputs
 from runtime.recordings.registry import open_recording
 
 CALIBRATION_STREETS = 16_000_000  # seeds of the simulated streets for ranges; nothing else has them
@@ -22,7 +23,7 @@ JUDGING_STREETS = 17_000_000  # and of those on which the loss is measured
 class Scene(NamedTuple):
     """A scan as the network sees it."""
 
-    image: np.ndarray  # (1, 5 + lags, H, W) f32
+    image: np.ndarray  # (1, channels, H, W) f32
     labels: np.ndarray  # (H, W) 0 unlabelled, 1 static, 2 moving
 
 
@@ -44,12 +45,12 @@ def recorded(folder: Path, seen_as: SampleConfig, count: int = 16) -> list[np.nd
     so = "it cannot calibrate: take scans that fit, or leave the calibration out (`calibration`)"
     demand_fit([recording], seen_as.range_image, so)
     chosen = np.unique(np.linspace(HISTORY, len(recording) - 1, count).round().astype(int))
-    builder = InputBuilder(seen_as.range_image, seen_as.residual, Workers(1), seen_as.reach)
+    inputs = make_inputs(seen_as.view, Workers(1), seen_as.reach)
     images = []
     for index in chosen:
         scans = [recording.read(int(i)) for i in range(index - HISTORY, index + 1)]
         drive = [(scan.data, scan.known_pose()) for scan in scans]
-        images.append(builder.image_of(drive)[1].image[None].copy())
-    if not any(image[:, 5:].any() for image in images):
+        images.append(inputs.image_of(drive)[1].image[None].copy())
+    if not any(image[:, SCAN_CHANNELS:].any() for image in images):
         warnings.warn(f"{folder}: calibration data: no residual image shows anything", MosWarning, stacklevel=2)
     return images

@@ -14,12 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from mos_model.data.augment import NONE, Augmentation, augment
 from runtime.bundle.residual import HISTORY, Residual
+from runtime.bundle.view import BirdView, View
 from runtime.classes import CLASSES, MOVING, UNLABELLED, to_classes
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
 from runtime.image.entry import Entry
 from runtime.image.history import Past
-from runtime.image.inputs import InputBuilder
+from runtime.image.making import make_inputs
 from runtime.recordings.poses import relative_pose
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.registry import DEFAULT_SENSOR, find_sensor
@@ -42,10 +43,10 @@ class Frame(NamedTuple):
 class Sample(NamedTuple):
     """What the network sees of one frame, and what it should say."""
 
-    image: NDArray[np.float32]  # (5 + lags, H, W)
+    image: NDArray[np.float32]  # of the view's shape (channels, H, W)
     labels: NDArray[np.uint8]  # (H, W) class of the nearest point of each pixel; 0 also where it is empty
     xyz: NDArray[np.float32]  # (N, 3) m; (0, 3) unless the points were asked for
-    pixel: NDArray[np.int32]  # (N,) v * W + u
+    pixel: NDArray[np.int32]  # (N,) v * W + u, of points that have one
     classes: NDArray[np.uint8]  # (N,)
 
 
@@ -72,17 +73,23 @@ class SampleConfig:
     crop: int = 0  # columns of the part of the image that is kept; 0: all
     crop_on_moving: float = 0.0  # share of the crops that hold a mover, if the image has one
     points: bool = False  # give the points too (for the point head), those of the crop
+    bird: BirdView | None = None  # the network looks from above
 
     def __post_init__(self) -> None:
-        if self.crop and (self.crop % 16 or not 16 <= self.crop <= self.range_image.width):
-            raise SettingError(
-                f"crop must be a multiple of 16 up to the image width {self.range_image.width}, not {self.crop}"
-            )
+        width = self.view.shape[2]
+        if self.crop and (self.crop % 16 or not 16 <= self.crop <= width):
+            raise SettingError(f"crop must be a multiple of 16 up to the image width {width}, not {self.crop}")
 
     @classmethod
     def of(cls, model: "ModelConfig", **others: Any) -> "SampleConfig":
         """As a network sees its sensor; `others` are fields of this class."""
-        return cls(model.sensor, model.other_sensors, model.range_image, model.residual, **others)
+        view = model.view
+        return cls(model.sensor, model.other_sensors, view.range_image, view.residual, bird=view.bird, **others)
+
+    @property
+    def view(self) -> View:
+        """What the network is shown."""
+        return View(self.range_image, self.residual, self.bird)
 
     @property
     def reach(self) -> float:
@@ -112,17 +119,17 @@ def make_samples(
     relative = [None if frame is None else relative_pose(current.pose, frame.pose) for frame in past]
     scans = [None if frame is None else frame.points for frame in past]
     made = augment(current.points, current.classes, scans, relative, config.augmentation, rng)
-    builder = InputBuilder(config.range_image, config.residual, Workers(1), config.reach)
+    inputs = make_inputs(config.view, Workers(1), config.reach)
     befores = [
         None if points is None or pose is None else Past(points, pose)
         for points, pose in zip(made.past, made.relative, strict=True)
     ]
-    entered = builder.enter(made.points)
-    built = builder.build(entered, befores)
+    entered = inputs.enter(made.points)
+    built = inputs.build(entered, befores)
     labels = np.where(built.first < 0, np.uint8(UNLABELLED), made.labels[built.first])
     whole = Sample(built.image, labels, _NOWHERE, _NO_PIXEL, _NO_CLASS)
     if config.points:
-        seen = entered.takes_part  # some have left the reach of the sensor
+        seen = built.pixel >= 0  # some have left the reach of the sensor, or are out of the view
         whole = Sample(built.image, labels, made.points[seen, :3], built.pixel[seen], made.labels[seen])
     if not config.crop:
         return [whole]
@@ -142,7 +149,7 @@ def _cropped(sample: Sample, columns: NDArray[np.int64]) -> Sample:
 
 
 def _draw_columns(labels: NDArray[np.uint8], config: SampleConfig, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Columns of a crop; it may reach over the seam of the image."""
+    """Columns of a crop; it may reach over the seam of the image, if there is one."""
     width = labels.shape[1]
     start = int(rng.integers(width))
     with_mover = np.flatnonzero((labels == MOVING).any(axis=0))
@@ -151,6 +158,8 @@ def _draw_columns(labels: NDArray[np.uint8], config: SampleConfig, rng: np.rando
             with_mover, np.flatnonzero(np.diff(with_mover) > 1) + 1
         )  # a mover far away counts as a near one
         start = int(rng.choice(groups[rng.integers(len(groups))])) - int(rng.integers(config.crop))
+    if not config.view.closed:
+        start = min(max(start, 0), width - config.crop)
     columns: NDArray[np.int64] = np.arange(start, start + config.crop) % width
     return columns
 

@@ -44,7 +44,8 @@ class MixedDrives:
         rate = rng.choices(*zip(*RATES, strict=True))[0] if "rate" not in self.settings else self.settings["rate"]
         turning = sensor.spinning(rate / sensor.rate)
         image = (sensor if rng.random() < 0.3 else turning).range_image  # made for another rate, or for this one
-        crop = self.samples.crop and min(self.samples.crop * 64 // image.height, WIDEST, image.width) // 16 * 16
+        own, (_, height, width) = self.samples.view, replace(self.samples, range_image=image, crop=0).view.shape
+        crop = self.samples.crop and min(self.samples.crop * own.shape[1] // height, WIDEST, width) // 16 * 16
         streets = SimulatedStreets(
             replace(self.samples, sensor=sensor, range_image=image, crop=crop),
             self.seed,

@@ -13,11 +13,10 @@ from torch import nn
 from mos_model.networks.point_head import PointHead
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.bundle.residual import Residual
+from runtime.bundle.view import View
 from runtime.errors import SettingError
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.registry import DEFAULT_SENSOR, find_sensor
-
-SCAN_CHANNELS = 5  # range, x, y, z, remission
 
 
 @dataclass(frozen=True)
@@ -49,16 +48,21 @@ class ModelConfig(ABC):
 
     @abstractmethod
     def build_image_network(self) -> nn.Module:
-        """The image network: forward(image (B, 5 + L, H, W) float32) -> ImageOutput; H and W multiples of 16."""
+        """The image network: forward(image (B, *view.shape) float32) -> ImageOutput; H and W any multiples of 16."""
 
     def build_point_head(self) -> PointHead | None:
         """The point head: forward(grid, features (N, c)) -> logits (N, 3); None where there is none."""
         return None if self.point_head is None else PointHead(self.point_head)
 
     @property
+    def view(self) -> View:
+        """What the network is shown; another view than that from the sensor is a setting of its own networks."""
+        return View(self.range_image, self.residual)
+
+    @property
     def in_channels(self) -> int:
-        """Channels of the input image: those of the scan, and one residual image per lag."""
-        return SCAN_CHANNELS + len(self.residual.lags)
+        """Channels of the input image: those of the scan, then those of its past."""
+        return self.view.shape[0]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values (lists for tuples): JSON returns what it was given. `registry.read_config` is the inverse."""

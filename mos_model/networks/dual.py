@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 from torch import Tensor, nn
 
 from mos_model.networks.blocks import ContextBlock, MetaKernel, MotionGuidedAttention
-from mos_model.networks.config import SCAN_CHANNELS
 from mos_model.networks.image_output import ImageOutput
 from mos_model.networks.unet import UNet, UNetConfig, encoder
 from runtime.bundle.head_shape import FULL, LITE
+from runtime.bundle.view import SCAN_CHANNELS
 from runtime.classes import CLASSES
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from mos_model.networks.config import ModelConfig
 from mos_model.networks.dual import DualConfig
 from mos_model.networks.format_1 import from_flat
+from mos_model.networks.limoseg import LiMoSegConfig
 from mos_model.networks.lmnet import LMNetConfig
 from mos_model.networks.rt import RealtimeConfig
 from runtime.errors import SettingError
@@ -18,6 +19,7 @@ NETWORKS: dict[str, type[ModelConfig]] = {
         LMNetConfig,
         DualConfig,
         RealtimeConfig,
+        LiMoSegConfig,
     )
 }
 

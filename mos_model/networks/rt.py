@@ -14,10 +14,11 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor, nn
 
-from mos_model.networks.config import SCAN_CHANNELS, ModelConfig
+from mos_model.networks.config import ModelConfig
 from mos_model.networks.image_output import ImageOutput
 from runtime.bundle.head_shape import SMALL
 from runtime.bundle.residual import Residual
+from runtime.bundle.view import SCAN_CHANNELS
 from runtime.classes import CLASSES
 from runtime.errors import SettingError
 

@@ -19,7 +19,8 @@ from runtime.compute.workers import Workers
 from runtime.head.refiners import PointLabels
 from runtime.image.entry import Entered
 from runtime.image.history import History
-from runtime.image.inputs import ImageInput, InputBuilder
+from runtime.image.inputs import ImageInput
+from runtime.image.making import make_inputs
 from runtime.recordings.poses import check_pose
 from runtime.sensors.registry import find_sensor
 
@@ -64,15 +65,15 @@ def count_drive(
 ) -> None:
     """Count the points of a simulated drive by what is believed of them at once, and DELAY scans later."""
     samples, workers = samples_of(found, sensor), Workers(1)
-    builder = InputBuilder(samples.range_image, samples.residual, workers, find_sensor(sensor).reach)
+    inputs = make_inputs(samples.view, workers, find_sensor(sensor).reach)
     history = History(tuned)
     assert tuned.belief is not None
     now, later = Online(tuned.belief, workers), Delayed(tuned.belief, DELAY, workers)
     waiting = []
     for scan in simulate(seed, SCANS, sensor=sensor, **settings):
-        entered, pose = builder.enter(scan.points), check_pose(scan.pose, "pose")
+        entered, pose = inputs.enter(scan.points), check_pose(scan.pose, "pose")
         past = history.past(pose)
-        labels = _labels(found, entered, builder.build(entered, past), tuned.candidate)
+        labels = _labels(found, entered, inputs.build(entered, past), tuned.candidate)
         classes = to_classes(scan.labels)
         believed = now.believe(entered, pose, labels, follows=bool(past))
         online.add(believed.labels.probability, classes)

@@ -8,6 +8,7 @@ from typing import Any
 from runtime.bundle.format_1 import upgraded
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.bundle.residual import Residual
+from runtime.bundle.view import BirdView, View
 from runtime.classes import CLASSES
 from runtime.errors import BundleError, SettingError
 from runtime.sensors.range_image import RangeImage
@@ -130,11 +131,16 @@ class Manifest:
     parity: Mapping[str, Any] = field(default_factory=dict)  # largest differences from PyTorch
     accuracy: Mapping[str, Any] = field(default_factory=dict)
     licence: str = "unknown"  # of the weights
+    bird: BirdView | None = None  # the network looks from above; None: from the sensor
 
     @property
     def sensor(self) -> SensorEntry:
         """The sensor that a runner takes."""
         return self.sensors[0]
+
+    def view(self, sensor: SensorEntry) -> View:
+        """What the network is shown of the scans of a sensor."""
+        return View(sensor.range_image, self.residual, self.bird)
 
 
 def parse_manifest(values: Any, where: str) -> Manifest:

@@ -1,10 +1,10 @@
 """What `mos doctor` calls bad about a recording, noticed while its scans come in one by one."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from runtime.doctor.alignment import LAGS, WITNESSES, Fit, check_fits, fit
 from runtime.doctor.check_scans import check_scans
@@ -14,7 +14,6 @@ from runtime.doctor.ground import find_ground
 from runtime.doctor.landmarks import View, upright_points
 from runtime.doctor.sample import Sample
 from runtime.image.history import Past
-from runtime.image.inputs import ImageInput
 from runtime.sensors.range_image import RangeImage
 
 CLOSELY, RARE = 24, 8  # scans of a recording that are each a turn; after them, one in so many is
@@ -60,10 +59,11 @@ class Watch:
         """The scan of this look is one of the recording."""
         self._memory = look.memory
 
-    def look(self, scan: ArrayLike, image: ImageInput, past: Sequence[Past]) -> Look:
+    def look(self, scan: ArrayLike, ranges: Callable[[], NDArray[np.float32]], past: Sequence[Past]) -> Look:
         """New warnings after the next scan, at most one a topic in a recording.
 
-        scan: as it was given to the runner, (N, 4) or (N, 3); past: the scans 1, 2, ... before it.
+        scan: as it was given to the runner, (N, 4) or (N, 3); ranges: its range image (H, W) m, 0 where it is empty,
+        for which not every scan asks; past: the scans 1, 2, ... before it.
         """
         memory = self._memory
         turn, found = _turn(memory.scans), []
@@ -73,7 +73,7 @@ class Watch:
         if turn is not None and turn % FIT_EVERY == FIT_EVERY - 1 and "alignment" not in memory.told:
             lag = LAGS[turn // FIT_EVERY % len(LAGS)]
             if lag <= len(past):
-                memory = replace(memory, fits=self._fits(memory.fits, image, past[lag - 1], lag))
+                memory = replace(memory, fits=self._fits(memory.fits, ranges(), past[lag - 1], lag))
                 found = [check_fits(memory.fits)]
         bad = {one.topic: one.text for one in found if one and one.level == "bad" and one.topic not in memory.told}
         told = memory.told.union(bad)
@@ -88,8 +88,8 @@ class Watch:
             return []
         return [*check_scans(samples), check_view(samples, self._geometry) if telling else None]
 
-    def _fits(self, before: tuple[Fit, ...], image: ImageInput, past: Past, lag: int) -> tuple[Fit, ...]:
-        view = View(image.range_image, self._geometry)
+    def _fits(self, before: tuple[Fit, ...], ranges: NDArray[np.float32], past: Past, lag: int) -> tuple[Fit, ...]:
+        view = View(ranges, self._geometry)
         new = fit(view, upright_points(past.points), past.relative, lag, before)
         return (*before, new)[-WITNESSES * len(LAGS) :]
 

@@ -54,7 +54,10 @@ class Pixels:
 
 
 class Vote(Pixels):
-    """Points take the vote of near pixels; the probability stays that of their own (paper, Sec. III-D)."""
+    """Points take the vote of near pixels; the probability stays that of their own (paper, Sec. III-D).
+
+    Near by the distances from which pixels are seen: ranges, or from above the depths below the view's top.
+    """
 
     def __init__(self, decision: Decision, workers: Workers) -> None:
         super().__init__(decision)
@@ -64,7 +67,7 @@ class Vote(Pixels):
         """See `Refiner`."""
         coarse = super().refine(scan, image, seen)
         classes = pixel_classes(seen.probabilities, self._threshold)
-        labels = knn_vote(classes, image.range_image, image.pixel, image.range, self._workers)
+        labels = knn_vote(classes, image.nearest, image.pixel, image.distance, self._workers)
         return coarse._replace(moving=labels == MOVING)
 
 
@@ -82,7 +85,7 @@ class Head(Pixels):
         candidates = None if self._everywhere else probability > self._tuned.candidate
         features = FeatureMap(seen.features, image.pixel, image.image.shape[2])
         xyz = scan.points[:, :3]
-        refined = self.head.refine(xyz, scan.takes_part, features, candidates, self._tuned.halo)
+        refined = self.head.refine(xyz, image.pixel >= 0, features, candidates, self._tuned.halo)
         take_refined(refined, self._head_threshold, moving, probability)
         return PointLabels(moving, probability)
 

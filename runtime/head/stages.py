@@ -10,7 +10,8 @@ from runtime.compute.sessions import provider_name
 from runtime.compute.workers import Workers
 from runtime.head.refiners import Refiner, choose_refiner
 from runtime.image.image_net import ImageNet
-from runtime.image.inputs import InputBuilder
+from runtime.image.inputs import Inputs
+from runtime.image.making import make_inputs
 from runtime.recordings.poses import Pose, relative_pose
 from runtime.settings import RunnerSettings
 
@@ -20,7 +21,7 @@ class Stages:
     """With memory laid out for its images."""
 
     choice: Choice
-    inputs: InputBuilder
+    inputs: Inputs
     image_net: ImageNet
     postprocess: str  # what `refiner` does
     refiner: Refiner
@@ -30,12 +31,12 @@ class Stages:
         """Lay out memory for a sensor and compile or load what is needed. Raises what `ImageNet.of` and
         `choose_refiner` do."""
         sensor, carrier = choice.entry, (settings.nearest, settings.body)
-        image, residual = sensor.range_image, bundle.manifest.residual
-        inputs = InputBuilder(image, residual, workers, sensor.reach, *carrier, choice.mounting)
+        view = bundle.manifest.view(sensor)
+        inputs = make_inputs(view, workers, sensor.reach, *carrier, choice.mounting)
         image_net = ImageNet.of(
             bundle,
             precision,
-            image,
+            view,
             threads=workers.threads,
             providers=settings.providers,
             allow_fallback=settings.allow_fallback,

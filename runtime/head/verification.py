@@ -16,7 +16,6 @@ from runtime.image.image_net import ImageNet
 def verify(bundle: Bundle) -> Iterator[tuple[str, str]]:
     """What was checked of a loaded bundle, file by file, in words. Raises BundleError or InferenceError."""
     manifest, workers = bundle.manifest, Workers(1)
-    image = manifest.sensor.range_image
     for name, entry in manifest.files.items():
         yield name, f"{entry.bytes:,} bytes, SHA-256 as the manifest says"
         if name.endswith(".onnx"):
@@ -24,8 +23,7 @@ def verify(bundle: Bundle) -> Iterator[tuple[str, str]]:
                 yield "", text
         if name in (IMAGE_NET, IMAGE_NET_INT8):
             net = ImageNet.of(bundle, "int8" if name == IMAGE_NET_INT8 else "float32", threads=1)
-            channels = 5 + len(manifest.residual.lags)
-            seen = net.run(np.zeros((channels, image.height, image.width), np.float32))
+            seen = net.run(np.zeros(manifest.view(manifest.sensor).shape, np.float32))
             shapes = f"probabilities {seen.probabilities.shape} and features {seen.features.shape}"
             yield "", f"run with an empty image: {shapes}, finite"
         elif manifest.point_head is not None and name == POINT_HEAD:

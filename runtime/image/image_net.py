@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.bundle.loading import Bundle
+from runtime.bundle.view import View
 from runtime.classes import CLASSES
 from runtime.compute.sessions import Provider, open_session
 from runtime.errors import BundleError, InferenceError
-from runtime.sensors.range_image import RangeImage
 
 LARGEST = 1.001  # probability: a sum of three may round
 HEIGHT, WIDTH = "height", "width"  # of the image: what a file that leaves them open calls them
@@ -64,23 +64,19 @@ class ImageNet:
         self.features = channels  # of the feature map
 
     @classmethod
-    def of(
-        cls, bundle: Bundle, precision: str = "auto", image: RangeImage | None = None, **settings: Any
-    ) -> "ImageNet":
-        """The image network of a bundle, for images of a sensor; None: the first that the bundle lists.
+    def of(cls, bundle: Bundle, precision: str = "auto", view: View | None = None, **settings: Any) -> "ImageNet":
+        """The image network of a bundle, for a view of its sensors; None: of the first that the bundle lists.
 
         Raises BundleError where it takes no images of that size, or does not fit the manifest.
         """
         path, manifest = bundle.image_net(precision), bundle.manifest
-        own = manifest.sensor.range_image
-        image = own if image is None else image
-        size = image.height, image.width
-        net = cls(path, size, **settings)
-        want = (1, 5 + len(manifest.residual.lags), *size)
+        own = manifest.view(manifest.sensor)
+        shape = (own if view is None else view).shape
+        net, want = cls(path, shape[1:], **settings), (1, *shape)
         if net.shape != want:
-            if net.shape == (*want[:2], own.height, own.width):
-                reason = f"its network is for images of {own.height} x {own.width}; export its checkpoint again"
-                raise BundleError(f"{path}: takes no image of {image.height} x {image.width}: {reason}")
+            if net.shape == (1, *own.shape):
+                reason = f"its network is for images of {own.shape[1]} x {own.shape[2]}; export its checkpoint again"
+                raise BundleError(f"{path}: takes no image of {shape[1]} x {shape[2]}: {reason}")
             raise BundleError(f"{path}: takes an image of shape {net.shape}, the manifest says {want}")
         if net.features != manifest.features:
             raise BundleError(f"{path}: gives {net.features} features, the manifest says {manifest.features}")

@@ -1,7 +1,9 @@
-"""The input of the image network: range image and residual images of one scan and the scans before it."""
+"""The input of an image network: one scan and the scans before it in its view; here, as range and residual images."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,23 +19,86 @@ from runtime.sensors.sensor import UNKNOWN_REACH
 
 
 @dataclass(frozen=True)
-class ImageInput:
-    """What `InputBuilder.build` returns. `image`, `range_image` and `first` are buffers that the next call reuses."""
-
-    image: NDArray[np.float32]  # (5 + lags, H, W) range, x, y, z, remission normalised; residual images
-    range_image: NDArray[np.float32]  # (H, W) m, range of the nearest point; 0 where the pixel is empty
-    first: NDArray[np.int32]  # (H, W) index of the nearest point; -1 where the pixel is empty
-    pixel: NDArray[np.int32]  # (N,) v * W + u of every point; -1: takes no part
-    range: NDArray[np.float32]  # (N,) m; 0 where pixel is -1
-
-
-@dataclass(frozen=True)
 class Projected:
     """The pixel of every point of a scan."""
 
     scan: Entered
-    pixel: NDArray[np.int32]  # (N,) v * W + u; -1: takes no part
-    range: NDArray[np.float32]  # (N,) m; 0 where pixel is -1
+    pixel: NDArray[np.int32]  # (N,) v * W + u; -1: takes no part, or is out of the view
+    distance: NDArray[np.float32]  # (N,) m, its range; seen from above, its depth below the top. 0 where pixel is -1
+
+
+@dataclass(frozen=True)
+class ImageInput:
+    """What `Inputs.build` returns. `image`, `nearest` and `first` are buffers that the next call reuses."""
+
+    image: NDArray[np.float32]  # of the view's shape (channels, H, W): the current scan in the first 5, then the past
+    nearest: NDArray[np.float32]  # (H, W) m, distance of the nearest point; 0 where the pixel is empty
+    first: NDArray[np.int32]  # (H, W) index of the nearest point; -1 where the pixel is empty
+    pixel: NDArray[np.int32]  # (N,) as in `Projected`
+    distance: NDArray[np.float32]  # (N,)
+
+
+class Inputs(ABC):
+    """Makes network inputs with buffers that are reused from call to call. Not for concurrent calls.
+
+    The one way from scans to the network's input: of the runner, of training, calibration, parity and benchmarks.
+    `runtime.image.making.make_inputs` knows the kind for each view.
+    """
+
+    def __init__(
+        self,
+        range_image: RangeImage,
+        residual: Residual,
+        workers: Workers,
+        reach: float = UNKNOWN_REACH,
+        nearest: float = 0.0,
+        body: Sequence[float] | None = None,
+        mounting: NDArray[np.float64] | None = None,
+    ) -> None:
+        """reach: m, of the sensor; farther points take no part, nor do those of the carrier: see `Entry`."""
+        self.workers, self._lags = workers, residual.lags
+        self._entry = Entry(range_image.mean[4], reach, workers, nearest, body, mounting)
+        self._mean = np.asarray(range_image.mean, np.float32)
+        self._std = np.asarray(range_image.std, np.float32)
+
+    def enter(self, scan: ArrayLike) -> Entered:
+        """Take in a scan, see `Entry.enter`."""
+        return self._entry.enter(scan)
+
+    def build(self, scan: Entered, past: Sequence[Past | None]) -> ImageInput:
+        """The network's input for a scan (paper, Sec. III-A).
+
+        past: past[i] is the scan i + 1 steps back, or None where there is none: channels of zeros.
+        """
+        return self.residuals(self.project(scan, past), past)
+
+    @abstractmethod
+    def project(self, scan: Entered, past: Sequence[Past | None]) -> Projected:
+        """Every point to its pixel: those of the scan, and those of past scans as seen from it now."""
+
+    @abstractmethod
+    def residuals(self, projected: Projected, past: Sequence[Past | None]) -> ImageInput:
+        """The channels of the scan and those of its past."""
+
+    @abstractmethod
+    def range_image(self, scan: Entered) -> NDArray[np.float32]:
+        """(H, W) m, range of the nearest point of each pixel of the sensor, 0 where it is empty.
+
+        scan: the one whose input was built last.
+        """
+
+    def image_of(self, drive: Sequence[tuple[ArrayLike, NDArray[np.float64]]]) -> tuple[Entered, ImageInput]:
+        """The last scan of a drive, each with its pose T_world_lidar, and the input that a runner makes of it."""
+        *before, (scan, pose) = drive
+        history = History()
+        for earlier, its_pose in before:
+            history.add(self.enter(earlier), its_pose, None)
+        entered = self.enter(scan)
+        return entered, self.build(entered, history.past(pose))
+
+    def _befores(self, past: Sequence[Past | None]) -> list[Past | None]:
+        """The past scan of each lag."""
+        return [past[lag - 1] if lag <= len(past) else None for lag in self._lags]
 
 
 @fast_kernel
@@ -69,25 +134,13 @@ def _residual(current, image, signed):  # type: ignore[no-untyped-def]
         image[cell] = change if both else np.float32(0)
 
 
-class InputBuilder:
-    """Builds network inputs with buffers that are reused from call to call. Not for concurrent calls.
+class InputBuilder(Inputs):
+    """Range image and residual images."""
 
-    The one way from scans to the network's input: of the runner, of training, calibration, parity and benchmarks.
-    """
-
-    def __init__(
-        self,
-        range_image: RangeImage,
-        residual: Residual,
-        workers: Workers,
-        reach: float = UNKNOWN_REACH,
-        nearest: float = 0.0,
-        body: Sequence[float] | None = None,
-        mounting: NDArray[np.float64] | None = None,
-    ) -> None:
-        """reach: m, of the sensor; farther points take no part, nor do those of the carrier: see `Entry`."""
-        self.range_image, self.residual, self.workers = range_image, residual, workers
-        self._entry = Entry(range_image.mean[4], reach, workers, nearest, body, mounting)
+    def __init__(self, range_image: RangeImage, residual: Residual, workers: Workers, *entry: Any) -> None:
+        """entry: reach and more, as of `Inputs`."""
+        super().__init__(range_image, residual, workers, *entry)
+        self._shape, self._signed = (range_image.height, range_image.width), residual.kind == "signed"
         self._scale = pixel_scale(range_image)
         self._limits = np.float32(residual.min_range), np.float32(residual.max_range)
         cells = range_image.height * range_image.width
@@ -95,23 +148,9 @@ class InputBuilder:
         self._nearest = np.empty(cells, np.float32)
         self._limited = np.empty(cells, np.float32)
         self._first = np.empty(cells, np.int32)
-        self._mean = np.asarray(range_image.mean, np.float32)
-        self._std = np.asarray(range_image.std, np.float32)
-
-    def enter(self, scan: ArrayLike) -> Entered:
-        """Take in a scan, see `Entry.enter`."""
-        return self._entry.enter(scan)
-
-    def build(self, scan: Entered, past: Sequence[Past | None]) -> ImageInput:
-        """Range image and residual images of a scan (paper, Sec. III-A).
-
-        past: past[i] is the scan i + 1 steps back, or None where there is none: an image of zeros.
-        """
-        projected = self.project(scan, past)
-        return self.residuals(projected, past)
 
     def project(self, scan: Entered, past: Sequence[Past | None]) -> Projected:
-        """Every point to its pixel (paper, eq. 1): those of the scan, and those of past scans as seen from it now."""
+        """See `Inputs` (paper, eq. 1)."""
         pixel = np.empty(len(scan), np.int32)
         distance = np.empty(len(scan), np.float32)
         befores = self._befores(past)
@@ -128,37 +167,27 @@ class InputBuilder:
         return Projected(scan, pixel, distance)
 
     def residuals(self, projected: Projected, past: Sequence[Past | None]) -> ImageInput:
-        """The network's input: the five normalised channels, and how ranges changed since each past scan (eq. 2)."""
-        shape = (self.range_image.height, self.range_image.width)
-        points, signed = projected.scan.points, self.residual.kind == "signed"
+        """The five normalised channels, and how ranges changed since each past scan (paper, eq. 2)."""
+        points = projected.scan.points
         befores = self._befores(past)
 
         def finish_one(task: int) -> None:
             if task == 0:
                 _fill_channels(points, self._first, self._nearest, self._mean, self._std, self._image)
             elif befores[task - 1]:
-                _residual(self._limited, self._image[4 + task], signed)
+                _residual(self._limited, self._image[4 + task], self._signed)
             else:
                 self._image[4 + task] = 0
 
         self.workers.each(finish_one, 1 + len(befores))
         return ImageInput(
-            image=self._image.reshape(-1, *shape),
-            range_image=self._nearest.reshape(shape),
-            first=self._first.reshape(shape),
+            image=self._image.reshape(-1, *self._shape),
+            nearest=self._nearest.reshape(self._shape),
+            first=self._first.reshape(self._shape),
             pixel=projected.pixel,
-            range=projected.range,
+            distance=projected.distance,
         )
 
-    def image_of(self, drive: Sequence[tuple[ArrayLike, NDArray[np.float64]]]) -> tuple[Entered, ImageInput]:
-        """The last scan of a drive, each with its pose T_world_lidar, and the input that a runner makes of it."""
-        *before, (scan, pose) = drive
-        history = History()
-        for earlier, its_pose in before:
-            history.add(self.enter(earlier), its_pose, None)
-        entered = self.enter(scan)
-        return entered, self.build(entered, history.past(pose))
-
-    def _befores(self, past: Sequence[Past | None]) -> list[Past | None]:
-        """The past scan of each lag."""
-        return [past[lag - 1] if lag <= len(past) else None for lag in self.residual.lags]
+    def range_image(self, scan: Entered) -> NDArray[np.float32]:
+        """See `Inputs`."""
+        return self._nearest.reshape(self._shape)

@@ -14,6 +14,8 @@ from mos_model.networks.registry import named_config
 from runtime.bundle.head_shape import FULL, LITE
 from runtime.bundle.loading import Bundle, load_bundle
 from runtime.bundle.manifest import IMAGE_NET
+from runtime.bundle.residual import Residual
+from runtime.bundle.view import View
 from runtime.compute.sessions import open_session
 from runtime.compute.workers import Workers
 from runtime.errors import BundleError
@@ -94,7 +96,7 @@ def test_a_file_for_images_of_one_size_takes_no_others(tmp_path):
     (bundle.path / IMAGE_NET).write_bytes(image_bytes(network, shape))
     assert ImageNet.of(bundle, threads=1).shape == shape
     with pytest.raises(BundleError, match=r"no image of 16 x 1792: its network is for images of 64 x 256"):
-        ImageNet.of(bundle, image=RangeImage(16, 1792), threads=1)
+        ImageNet.of(bundle, view=View(RangeImage(16, 1792), Residual()), threads=1)
 
 
 def test_the_same_network_gives_the_same_bytes():

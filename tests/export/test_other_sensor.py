@@ -42,8 +42,8 @@ def test_parity_calibration_and_judge_see_its_scans(asked, tmp_path):
     assert asked == dict.fromkeys((parity.SEED, CALIBRATION_STREETS, JUDGING_STREETS), "vlp16")
     assert (manifest.sensor.name, manifest.sensor.range_image) == ("vlp16", IMAGE)
     assert manifest.sensor.reach == SENSORS["vlp16"].reach
-    _, image = parity.simulated_input(manifest.sensor, manifest.residual, Workers(1))
-    assert (image.range_image > 0).any(axis=1).all()  # scans of an HDL-64E leave the upper rows empty
+    _, image = parity.simulated_input(manifest, Workers(1))
+    assert (image.nearest > 0).any(axis=1).all()  # scans of an HDL-64E leave the upper rows empty
 
 
 def test_scenes_are_seen_as_the_network_sees_them(asked):

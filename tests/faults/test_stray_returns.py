@@ -72,6 +72,6 @@ def test_ordinary_remission_is_as_it_was(runner, scans):
         scan = scan.copy()
         scan[:, 3] = remission
         image = inputs.build(inputs.enter(scan), [])
-        mean, std = inputs.range_image.mean[4], inputs.range_image.std[4]
+        mean, std = (part[4] for part in (runner.sensor.range_image.mean, runner.sensor.range_image.std))
         seen = image.image[4][image.first >= 0]
         np.testing.assert_allclose(seen, np.float32((remission - mean) / std), rtol=1e-6)

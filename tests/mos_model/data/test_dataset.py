@@ -15,6 +15,7 @@ from mos_model.data.dataset import (
     make_frame,
     make_samples,
 )
+from runtime.bundle.view import BirdView
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
 from runtime.image.inputs import InputBuilder
@@ -49,7 +50,7 @@ def test_image_is_the_runtimes_and_labels_are_those_of_the_nearest_points():
     assert np.array_equal(sample.pixel, built.pixel)
     assert np.array_equal(sample.xyz, frames[-1].points[:, :3])
     nearest = {}
-    for i, (pixel, distance) in enumerate(zip(built.pixel.tolist(), built.range.tolist(), strict=True)):
+    for i, (pixel, distance) in enumerate(zip(built.pixel.tolist(), built.distance.tolist(), strict=True)):
         if pixel not in nearest or distance < nearest[pixel][0]:
             nearest[pixel] = distance, frames[-1].classes[i]
     expected = np.zeros(IMAGE.height * IMAGE.width, np.uint8)
@@ -79,6 +80,18 @@ def test_crops_are_columns_of_one_image():
         assert np.array_equal(crop.labels, labels)
         starts.add(found[0])
     assert max(starts) > 48  # over the seam too
+
+
+def test_crops_of_a_view_from_above_have_no_seam():
+    """Each is a part of the image, and points out of the view are in none."""
+    seen = replace(CONFIG, bird=BirdView(cells=64, cell_size=0.5), points=True)
+    (whole,) = make_samples(history(), seen, np.random.default_rng(5))
+    assert 0 < len(whole.xyz) < 4000
+    assert np.abs(whole.xyz[:, :2]).max() <= 16
+    for crop in make_samples(history(), replace(seen, crop=32), np.random.default_rng(5), crops=12):
+        found = [u for u in range(33) if np.array_equal(whole.image[:, :, u : u + 32], crop.image)]
+        assert len(found) == 1
+        assert np.array_equal(crop.labels, whole.labels[:, found[0] : found[0] + 32])
 
 
 def test_crops_keep_their_points():

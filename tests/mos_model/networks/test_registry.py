@@ -33,7 +33,7 @@ from tests.support.training import IMAGE, Patches
 
 
 def test_names_of_mos_train() -> None:
-    assert set(names()) == {"lmnet", "b", "c", "d", "e", "v1", "v2", "v2-lite", "rt", "rt-head"}
+    assert set(names()) == {"lmnet", "b", "c", "d", "e", "v1", "v2", "v2-lite", "rt", "rt-head", "limoseg"}
     (row,) = re.findall(r"^\| `--config` \|(.+)$", (ROOT / "mos_model" / "README.md").read_text(), re.MULTILINE)
     assert re.findall(r"`([\w-]+)`", row) == names()
 

@@ -8,6 +8,7 @@ import pytest
 
 from runtime.bundle.loading import load_bundle
 from runtime.bundle.residual import Residual
+from runtime.bundle.view import View
 from runtime.compute.sessions import CPU
 from runtime.errors import BundleError, InferenceError
 from runtime.image.image_net import ImageNet
@@ -75,8 +76,8 @@ def test_an_image_that_does_not_fit_is_an_error(net, given):
 
 @pytest.mark.parametrize(("height", "width"), [(16, 1792), (64, 256), (128, 96)])
 def test_images_of_every_sensor_are_taken(height, width):
-    sensor = RangeImage(height, width)
-    net = ImageNet.of(load_bundle(BUNDLE), image=sensor, threads=1)
+    view = View(RangeImage(height, width), Residual())
+    net = ImageNet.of(load_bundle(BUNDLE), view=view, threads=1)
     seen = net.run(np.zeros((13, height, width), np.float32))
     assert seen.probabilities.shape == (3, height, width)
     with pytest.raises(InferenceError, match=rf"takes \(13, {height}, {width}\)"):

@@ -67,10 +67,10 @@ def test_every_point_keeps_its_pixel():
     want = np.array([project_point(*p[:3].astype(np.float64), sensor) for p in points])
     u, v = columns_and_rows(got.pixel, sensor.width)
     assert (u != want[:, 0]).sum() + (v != want[:, 1]).sum() <= 1
-    np.testing.assert_allclose(got.range, want[:, 2], rtol=1e-6)
-    nearest = got.range_image[v, u]
-    assert (nearest <= got.range).all()
-    assert (got.range_image[got.first >= 0] == got.range[got.first[got.first >= 0]]).all()
+    np.testing.assert_allclose(got.distance, want[:, 2], rtol=1e-6)
+    nearest = got.nearest[v, u]
+    assert (nearest <= got.distance).all()
+    assert (got.nearest[got.first >= 0] == got.distance[got.first[got.first >= 0]]).all()
 
 
 UNEVEN = RangeImage(
@@ -129,7 +129,7 @@ def test_points_without_direction_have_no_pixel():
     points[13, :3] = 3e38  # the norm overflows
     got = build(InputBuilder(RangeImage(), Residual(), Workers(1)), points, [points], [np.eye(4)])
     assert set(np.flatnonzero(got.pixel < 0)) == {3, 7, 9, 11, 13}
-    assert (got.range[got.pixel < 0] == 0).all()
+    assert (got.distance[got.pixel < 0] == 0).all()
     assert np.isfinite(got.image).all()
 
 
@@ -166,7 +166,7 @@ def test_empty_and_single():
     assert (empty.image == 0).all()
     assert empty.pixel.shape == (0,)
     one = build(builder, np.array([[5, 0, 0, 0.5]], np.float32), [], [])
-    assert (one.range_image > 0).sum() == 1
+    assert (one.nearest > 0).sum() == 1
 
 
 def test_inputs_are_not_written():
