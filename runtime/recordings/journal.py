@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from runtime.errors import OutputError
-from runtime.files import write_whole
+from runtime.files import read_ordinary, write_whole
 from runtime.typed_json import build
 
 JOURNAL = "scans.jsonl"  # beside the folder of the labels
@@ -81,7 +81,7 @@ def _line(key: str, entry: Entry) -> str:
 def _read(path: Path) -> dict[str, Entry]:
     entries = {}
     try:
-        lines = path.read_text().split("\n") if path.is_file() else []
+        lines = read_ordinary(path).decode().split("\n") if path.exists() else []
     except (OSError, UnicodeDecodeError) as error:
         raise OutputError(f"{path}: cannot be read: {error}") from error
     for line in lines[:-1]:
@@ -89,6 +89,6 @@ def _read(path: Path) -> dict[str, Entry]:
             found = json.loads(line)
             key = str(found.pop("scan"))
             entries[key] = build(Entry, found, key)
-        except (ValueError, KeyError, TypeError, AttributeError):  # cut off in a crash, and written on:
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):  # cut off in a crash, and written on:
             continue  # its scan is made anew
     return entries

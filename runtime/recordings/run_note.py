@@ -9,6 +9,7 @@ from runtime.errors import MosError, OutputError, SettingError
 from runtime.files import write_whole
 from runtime.recordings.journal import JOURNAL, Dependence, Entry, Journal
 from runtime.recordings.recording import Recording
+from runtime.typed_json import read_json
 
 NOTE = "run.json"
 
@@ -74,7 +75,7 @@ def _begins_alike(recording: Recording, journal: Journal) -> bool:
 
 def _read(note: Path) -> dict[str, Any] | None:
     try:
-        found = json.loads(note.read_text())
-    except (OSError, ValueError):
+        found = read_json(note, OutputError)
+    except OutputError:
         return None
     return found if isinstance(found, dict) else None

@@ -88,6 +88,16 @@ def test_bundles(bundle, make, name, capfd):
 
 
 @KINDS
+@pytest.mark.parametrize("name", ["run.json", "scans.jsonl"])
+def test_what_a_run_goes_on_from(recording, tmp_path, make, name):
+    common = ["--limit", "2", "--threads", "1", "--postprocess", "none", "--out", str(tmp_path / "out")]
+    command = ["run", str(recording), "--bundle", str(TINY / "bundle"), *common]
+    assert main(command) == 0
+    replaced(tmp_path / "out" / "sequences" / "00" / name, make)
+    assert main(command) == (0 if (name, make) == ("scans.jsonl", loop) else 1)  # a link to nothing is replaced
+
+
+@KINDS
 def test_sensors(tmp_path, make):
     make(tmp_path / "own.json")
     with pytest.raises(MosError):
