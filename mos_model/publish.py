@@ -5,7 +5,7 @@ Keeps the tensors in half precision and chooses thresholds for every sensor of t
 
 import multiprocessing
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -16,9 +16,9 @@ import typer
 
 from mos_model.networks.checkpoint import load, save
 from mos_model.tuning.average import write_mean
-from mos_model.tuning.belief import DELAY, find_belief
+from mos_model.tuning.belief import DELAY, Believed, find_belief
 from mos_model.tuning.histogram import Histogram
-from mos_model.tuning.thresholds import find_thresholds, sensor_classes
+from mos_model.tuning.thresholds import find_thresholds, has_few_beams, sensor_classes
 from runtime.bundle.manifest import BeliefNumbers, Tuned
 from runtime.commands.handler import run_alone
 from runtime.commands.output import show_line
@@ -34,6 +34,21 @@ def data_of(training: Mapping[str, Any]) -> str:
         return data
     root = data.get("root")
     return f"recorded scans in {Path(root).name}" if root else "simulated streets of mos_model.simulator"
+
+
+def in_two(classes: Sequence[tuple[str, ...]], found: Sequence[Believed]) -> Iterator[tuple[list[str], Believed]]:
+    """Sensors whose thresholds are found together: those of few beams, whose points are few among the others', and the
+    rest, which differ by less than drives do."""
+    for few in (True, False):
+        names: list[str] = []
+        online, delayed = Histogram(), Histogram()
+        for sensors, one in zip(classes, found, strict=True):
+            if has_few_beams(sensors) == few:
+                names += sensors
+                online += one.online
+                delayed += one.delayed
+        if names:
+            yield names, Believed(online, delayed)
 
 
 def publish(
@@ -76,18 +91,13 @@ def publish(
         decisions |= {each: one.decision for each in one.sensors}
         head = "" if one.head_iou is None else f"; point head {one.head_threshold:.3f}, {100 * one.head_iou:.1f}"
         show_line(f"{', '.join(one.sensors)}: threshold {one.threshold:.3f}, moving IoU {100 * one.iou:.1f}{head}")
-    if drives:  # one threshold for all sensors: they differ by less than drives do
-        online, delayed = Histogram(), Histogram()
-        for of_some in (each.result() for each in believed):
-            online += of_some.online
-            delayed += of_some.delayed
-        (threshold, iou), (later, later_iou) = online.best_threshold(), delayed.best_threshold()
-        decisions = {
-            each: decision | {"belief_threshold": threshold, "delayed_threshold": later}
-            for each, decision in decisions.items()
-        }
-        words = f"{DELAY} scans later {later:.3f}, {100 * later_iou:.1f}"
-        show_line(f"belief: threshold {threshold:.3f}, moving IoU {100 * iou:.1f}; {words}")
+    if drives:
+        for names, of_them in in_two(classes, [each.result() for each in believed]):
+            (threshold, iou), (later, later_iou) = of_them.online.best_threshold(), of_them.delayed.best_threshold()
+            for each in names:
+                decisions[each] |= {"belief_threshold": threshold, "delayed_threshold": later}
+            words = f"{DELAY} scans later {later:.3f}, {100 * later_iou:.1f}"
+            show_line(f"belief, {', '.join(names)}: threshold {threshold:.3f}, moving IoU {100 * iou:.1f}; {words}")
     training = {
         "decisions": decisions,
         "tuned": asdict(tuned),

@@ -53,6 +53,11 @@ def sensor_classes(own: str, others: Sequence[str]) -> list[tuple[str, ...]]:
     return [(own,), *(tuple(names) for _, names in sorted(classes.items()))]
 
 
+def has_few_beams(sensors: Sequence[str]) -> bool:
+    """Whether all of them belong to those of the fewest beams."""
+    return all(find_sensor(name).beams <= ALIKE[0] for name in sensors)
+
+
 def find_thresholds(checkpoint: Path, sensors: tuple[str, ...], streets: int, candidate: float) -> Found:
     """The thresholds of highest IoU on streets with and without movers, for some sensors of a network."""
     torch.set_num_threads(1)

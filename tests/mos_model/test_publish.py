@@ -12,9 +12,9 @@ import torch
 import mos_model.simulator
 from mos_model.networks import checkpoint
 from mos_model.networks.registry import named_config
-from mos_model.publish import data_of, publish
+from mos_model.publish import data_of, in_two, publish
 from mos_model.simulator import simulate
-from mos_model.tuning.belief import find_belief
+from mos_model.tuning.belief import Believed, find_belief
 from mos_model.tuning.histogram import BINS, Histogram
 from mos_model.tuning.thresholds import calibrate, sensor_classes
 from runtime.bundle.head_shape import PointHeadConfig
@@ -135,3 +135,17 @@ def test_failures_are_lines(arguments, code, tmp_path):
     assert done.returncode == code
     assert "Traceback" not in done.stderr
     assert code == 2 or done.stderr == "publish: absent.pt: there is no such checkpoint\n"
+
+
+def test_sensors_of_few_beams_have_a_threshold_of_their_own():
+    def believed(probability):
+        one = Believed(Histogram(), Histogram())
+        for histogram in one:
+            histogram.add(np.array([probability, 0.1], np.float32), np.array([2, 1], np.uint8))
+        return one
+
+    classes = [("hdl64e",), ("vlp16", "rs16"), ("hdl32e",)]
+    (few, of_few), (others, of_others) = in_two(classes, [believed(0.9), believed(0.5), believed(0.7)])
+    assert (few, others) == (["vlp16", "rs16"], ["hdl64e", "hdl32e"])
+    assert [of_few.online.counts.sum(), of_others.online.counts.sum(), of_others.delayed.counts.sum()] == [2, 4, 4]
+    assert [names for names, _ in in_two(classes[:1], [believed(0.9)])] == [["hdl64e"]]
