@@ -14,8 +14,8 @@ SMALLEST = 0.01  # m
 FIRST_ROWS = 1 << 16  # a power of 2
 FULL = 0.6  # share of the rows in use, beyond which there must be twice as many
 _FREE = np.int64(-1)
-# Of each row: its key, the last scan that saw the voxel, how many did, and of them how many saw it move; its static
-# points, and the sums of their places within the voxel, in m, and of their remission
+# Of each row: its key, the last scan that saw the voxel, how many did, and of them how many saw it move; how many points
+# are in it, and the sums of their places within the voxel, in m, and of their remission
 Rows = tuple[NDArray[Any], ...]
 _HALF = 1 << 20  # voxels from the origin on each axis; 21 bits of a key are theirs
 
@@ -24,9 +24,18 @@ _HALF = 1 << 20  # voxels from the origin on each axis; 21 bits of a key are the
 class StaticMap:
     """A point for each voxel that holds something static, in the order of their keys."""
 
-    points: NDArray[np.float32]  # (M, 3) m, the mean of the static points in it
+    points: NDArray[np.float32]  # (M, 3) m, the mean of the points in it
     remission: NDArray[np.float32]  # (M,) their mean
     scans: NDArray[np.int32]  # (M,) that saw something there
+
+
+@dataclass(frozen=True)
+class MovingVoxels:
+    """Voxels that move, in the order of the scans that saw them last."""
+
+    rows: NDArray[np.int64]  # (M,) in the table, until something is added
+    places: NDArray[np.float64]  # (M, 3) m, their middles
+    last: NDArray[np.int32]  # (M,) numbers of these scans, from 1
 
 
 class VoxelVotes:
@@ -67,11 +76,16 @@ class VoxelVotes:
         _look_up(points, self._inverse, *self._rows[:4], found)
         return found
 
-    def moving_places(self) -> NDArray[np.float32]:
-        """(M, 3) m, the middles of the voxels that move."""
-        keys, _, seen, moved, *_ = self._rows
+    def moving(self) -> MovingVoxels:
+        """All voxels that move."""
+        keys, last, seen, moved, *_ = self._rows
         rows = np.flatnonzero((keys != _FREE) & (2 * moved >= seen))
-        return (self._corners(np.sort(keys[rows])) + self._size / 2).astype(np.float32)
+        rows = rows[np.lexsort((keys[rows], np.abs(last[rows])))]
+        return MovingVoxels(rows, self._corners(keys[rows]) + self._size / 2, np.abs(last[rows]))
+
+    def take_back(self, rows: NDArray[np.int64]) -> None:
+        """What is in these rows stands still after all."""
+        self._rows[3][rows] = 0
 
     def _corners(self, keys: NDArray[np.int64]) -> NDArray[np.float64]:
         """(V, 3) m, of the voxels."""
@@ -80,7 +94,7 @@ class VoxelVotes:
     def static_map(self) -> StaticMap:
         """What is left where nothing moves."""
         keys, _, seen, moved, count, sums = self._rows
-        rows = np.flatnonzero((keys != _FREE) & (count > 0) & (2 * moved < seen))
+        rows = np.flatnonzero((keys != _FREE) & (2 * moved < seen))
         rows = rows[np.argsort(keys[rows])]
         means = sums[rows] / count[rows, None]
         points = (self._corners(keys[rows]) + means[:, :3]).astype(np.float32)
@@ -126,15 +140,13 @@ def _add(points, remission, moving, inverse, scan, keys, last, seen, moved, coun
         if abs(last[row]) != scan:
             last[row] = scan
             seen[row] += 1
-        if moving[i]:
-            if last[row] > 0:
-                last[row] = -scan
-                moved[row] += 1
-        else:
-            count[row] += 1
-            for k in range(3):
-                sums[row, k] += np.float32(points[i, k] - np.floor(points[i, k] * inverse) / inverse)
-            sums[row, 3] += remission[i]
+        if moving[i] and last[row] > 0:
+            last[row] = -scan
+            moved[row] += 1
+        count[row] += 1
+        for k in range(3):
+            sums[row, k] += np.float32(points[i, k] - np.floor(points[i, k] * inverse) / inverse)
+        sums[row, 3] += remission[i]
     return new
 
 

@@ -16,6 +16,7 @@ from runtime.fleet.voice import Voice
 from runtime.fleet.wanted import Wanted
 from runtime.odometry.with_poses import with_poses
 from runtime.predict import Output, Summary, predict, predictions_folder
+from runtime.recordings.poses import Pose
 from runtime.recordings.recording import Indexed, Options
 from runtime.runner import MosRunner
 from runtime.sensors.range_image import RangeImage
@@ -57,7 +58,7 @@ def label(
             count = write_labelled_bag(recording, labels, probabilities, labels.with_name("bag"), progress)
         voice.show(f"bag with labels: {labels.with_name('bag')}, {count} clouds")
     if wanted.clean or wanted.map:
-        _write_left(recording, labels, wanted, voice)
+        _write_left(recording, labels, wanted, chosen.mounting, voice)
     return summary
 
 
@@ -81,10 +82,10 @@ def _warn_of_misfits(recording: Indexed, image: RangeImage, skip_broken: bool, v
     return {finding.topic for finding in told}
 
 
-def _write_left(recording: Indexed, labels: Path, wanted: Wanted, voice: Voice) -> None:
+def _write_left(recording: Indexed, labels: Path, wanted: Wanted, mounting: Pose | None, voice: Voice) -> None:
     """The static map, and the recording without what moves, beside the folder of its labels."""
     with voice.counted(f"what moves in {recording.name}") as progress:
-        votes = RecordingVotes(recording, labels, wanted.voxel, progress)
+        votes = RecordingVotes(recording, labels, wanted.voxel, progress, mounting)
     if wanted.map:
         for path, points in write_maps(votes, labels.parent).items():
             voice.show(f"static map: {path}, {points:,} points")
@@ -93,7 +94,7 @@ def _write_left(recording: Indexed, labels: Path, wanted: Wanted, voice: Voice) 
 
             picture = labels.with_name("map.png")
             first = votes.stretches[0].votes
-            draw_map(picture, first.static_map().points, first.moving_places())
+            draw_map(picture, first.static_map().points, first.moving().places)
             voice.show(f"from above, before and after: {picture}")
     if wanted.clean:
         with voice.counted(f"{recording.name} without it") as progress:

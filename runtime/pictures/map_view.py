@@ -16,7 +16,7 @@ SIDE = 720  # pixels of each half
 COMMON = (0.002, 0.998)  # quantiles of the places between which the picture shows all
 
 
-def draw_map(path: str | Path, still: NDArray[np.float32], moved: NDArray[np.float32]) -> None:
+def draw_map(path: str | Path, still: NDArray[np.floating], moved: NDArray[np.floating]) -> None:
     """Write a .png of two halves: all that was seen, and what stands still. Raises OutputError.
 
     still, moved: (M, 3) m in one frame; x goes to the right, y up.

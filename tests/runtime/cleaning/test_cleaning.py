@@ -17,16 +17,17 @@ from runtime.recordings.registry import open_recording
 from tests.support import street
 
 COUNT = 6
-BOX = np.float32([[12, 1, -1], [14, 3, 0.5]])  # m, in which something drives along with the LiDAR
+BOX = np.float32([[12, 1, -1], [14, 3, 0.5]])  # m, in which something is at first
+ASIDE = np.float32([0, -1, 0])  # m, that it goes on from scan to scan, beside the way of the LiDAR
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """A street, and a box that stays before the LiDAR."""
-    folder = street.write_kitti(tmp_path_factory.mktemp("street") / "07", COUNT, rows=16, columns=240)
+    """A street, and a box that crosses it before the LiDAR."""
+    folder = street.write_kitti(tmp_path_factory.mktemp("street") / "07", COUNT, rows=32, columns=480)
     rng = np.random.default_rng(0)
-    for path in sorted((folder / "velodyne").iterdir()):
-        box = rng.uniform(*BOX, (200, 3)).astype(np.float32)
+    for index, path in enumerate(sorted((folder / "velodyne").iterdir())):
+        box = rng.uniform(*(BOX + index * ASIDE), (200, 3)).astype(np.float32)
         scan = np.concatenate([np.fromfile(path, "<f4").reshape(-1, 4), np.column_stack([box, np.ones(200)])])
         scan.astype("<f4").tofile(path)
     return open_recording(folder)

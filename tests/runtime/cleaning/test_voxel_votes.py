@@ -22,7 +22,7 @@ class Naive:
     """The same with dictionaries."""
 
     def __init__(self):
-        self.seen, self.moved, self.still = defaultdict(int), defaultdict(int), defaultdict(list)
+        self.seen, self.moved, self.points = defaultdict(int), defaultdict(int), defaultdict(list)
 
     def add(self, points, remission, moving):
         voxels = [tuple(voxel) for voxel in np.floor(points / SIZE).astype(int)]
@@ -30,9 +30,8 @@ class Naive:
             self.seen[voxel] += 1
         for voxel in {one for one, moves in zip(voxels, moving, strict=True) if moves}:
             self.moved[voxel] += 1
-        for voxel, point, value, moves in zip(voxels, points, remission, moving, strict=True):
-            if not moves:
-                self.still[voxel].append([*point, value])
+        for voxel, point, value in zip(voxels, points, remission, strict=True):
+            self.points[voxel].append([*point, value])
 
     def moves(self, voxel):
         return 2 * self.moved[voxel] >= self.seen[voxel]
@@ -57,17 +56,28 @@ def test_voxels_move_that_most_scans_saw_move(both):
     assert not votes.moves(np.full((1, 3), 900.0)).any()  # where nobody saw anything
 
 
-def test_the_map_has_the_mean_of_what_stands_still_in_each_voxel(both):
-    votes, naive = both
+def check_map(votes, naive):
     found = votes.static_map()
-    wanted = {voxel: points for voxel, points in naive.still.items() if not naive.moves(voxel)}
+    wanted = {voxel: points for voxel, points in naive.points.items() if not naive.moves(voxel)}
     assert len(found.points) == len(wanted)
     for point, remission, seen in zip(found.points, found.remission, found.scans, strict=True):
         voxel = tuple(np.floor(point.astype(float) / SIZE).astype(int))
         assert seen == naive.seen[voxel]
         np.testing.assert_allclose([*point, remission], np.mean(wanted[voxel], axis=0), atol=1e-4)
-    moving = {tuple(voxel) for voxel in np.floor(votes.moving_places() / SIZE).astype(int)}
-    assert moving == {voxel for voxel in naive.seen if naive.moves(voxel)}
+
+
+def test_the_map_has_the_mean_of_each_voxel_that_does_not_move(both):
+    votes, naive = both
+    check_map(votes, naive)
+    moving = votes.moving()
+    assert (np.diff(moving.last) >= 0).all()
+    voxels = [tuple(voxel) for voxel in np.floor(moving.places / SIZE).astype(int)]
+    assert set(voxels) == {voxel for voxel in naive.seen if naive.moves(voxel)}
+    votes.take_back(moving.rows[::2])
+    for voxel in voxels[::2]:
+        naive.moved[voxel] = 0
+    check_map(votes, naive)
+    assert len(votes.moving().rows) == len(moving.rows) // 2
 
 
 def test_what_is_nowhere_has_no_vote():
@@ -77,7 +87,7 @@ def test_what_is_nowhere_has_no_vote():
     votes.add(np.empty((0, 3)), np.empty(0, np.float32), np.empty(0, bool))
     assert len(votes) == 0
     assert not votes.moves(nowhere).any()
-    assert len(votes.static_map().points) == len(votes.moving_places()) == 0
+    assert len(votes.static_map().points) == len(votes.moving().rows) == 0
 
 
 @pytest.mark.parametrize("size", [0, -1, float("nan"), 0.001])

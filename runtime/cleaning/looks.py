@@ -1,0 +1,91 @@
+"""How often places were looked at: a ray ended there, or it went on to something behind.
+
+What moves was not there before, or is not there later: then rays go through its place. So a place that every look found
+occupied stands still, whatever labels say. The idea to clean maps by what rays went through is that of DUFOMap (Duberg
+et al., RA-L 2024) and others; here it is only asked of what is called moving, by the directions of each scan.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.cleaning.voxel_votes import MovingVoxels
+from runtime.compute.jit import kernel
+from runtime.recordings.poses import Pose
+
+CELL = math.radians(0.4)  # of directions, in azimuth and elevation
+ASIDE, PER_METRE = 0.3, 0.01  # m, and of the range: returns as near to a place in range are from there
+WINDOW = 100  # scans before and after a place was seen last: beyond, poses may have drifted
+COLUMN = 0.8  # m, side of columns of the world, whose places are judged together
+FREE = 0.2  # share of the looks that go through a column in which something moves, at least
+_COLUMNS, _ROWS = round(2 * math.pi / CELL), round(math.pi / CELL)
+_NEAREST = 0.5  # m, of returns
+
+
+class Looks:
+    """The looks of scans at voxels that move. Not for concurrent calls."""
+
+    def __init__(self, voxels: MovingVoxels) -> None:
+        self.voxels = voxels
+        self.through, self.ended = (np.zeros(len(voxels.rows), np.int32) for _ in range(2))  # (M,) looks
+        self._scans = 0
+        self._image = np.empty((_ROWS, _COLUMNS), np.float32)
+
+    def add(self, points: NDArray[np.float32], place: Pose) -> None:
+        """Those of the next scan: points (N, 3) m, as the LiDAR sees them; place: T_lidar_world."""
+        self._scans += 1
+        near = self._scans - WINDOW, self._scans + WINDOW + 1
+        start, stop = np.searchsorted(self.voxels.last, near)
+        if start < stop:
+            _measure(points, self._image)
+            counts = self.through[start:stop], self.ended[start:stop]
+            _look(self.voxels.places[start:stop], place, self._image, *counts)
+
+    def free(self) -> NDArray[np.bool_]:
+        """(M,) whether rays went through the column of a voxel: at least `FREE` of the looks at what moves there."""
+        columns = np.floor(self.voxels.places[:, :2] / COLUMN).astype(np.int64) @ np.array((1 << 32, 1))
+        column = np.unique(columns, return_inverse=True)[1]
+        through, ended = (np.bincount(column, looks) for looks in (self.through, self.ended))
+        enough: NDArray[np.bool_] = (through > 0) & (through >= FREE * (through + ended))
+        return enough[column]
+
+
+@kernel
+def _measure(points, image):  # type: ignore[no-untyped-def]
+    """The range of the nearest return in each cell of directions; infinity where there is none."""
+    rows, columns = image.shape
+    image[:] = np.inf
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        r = np.sqrt(x * x + y * y + z * z)
+        if r >= _NEAREST and r < np.inf:  # NaN is neither
+            row = min(int((np.arcsin(z / r) + np.pi / 2) / CELL), rows - 1)
+            column = int((np.arctan2(y, x) + np.pi) / CELL) % columns
+            image[row, column] = min(image[row, column], r)
+
+
+@kernel
+def _look(places, to_lidar, image, through, ended):  # type: ignore[no-untyped-def]
+    """Count what the cell of each place and those around it say: the nearest return there lies behind, or at it."""
+    rows, columns = image.shape
+    for i in range(places.shape[0]):
+        x, y, z = to_lidar[:3, 3]
+        for k in range(3):
+            x += to_lidar[0, k] * places[i, k]
+            y += to_lidar[1, k] * places[i, k]
+            z += to_lidar[2, k] * places[i, k]
+        r = np.sqrt(x * x + y * y + z * z)
+        if r < _NEAREST:
+            continue
+        row = min(int((np.arcsin(z / r) + np.pi / 2) / CELL), rows - 1)
+        column = int((np.arctan2(y, x) + np.pi) / CELL) % columns
+        nearest = np.float32(np.inf)
+        for a in range(max(row - 1, 0), min(row + 2, rows)):
+            for b in range(column - 1, column + 2):
+                nearest = min(nearest, image[a, b % columns])
+        near = ASIDE + PER_METRE * r
+        if nearest < np.inf and nearest > r + near:
+            through[i] += 1
+        elif abs(nearest - r) <= near:
+            ended[i] += 1
