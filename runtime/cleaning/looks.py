@@ -43,12 +43,16 @@ class Looks:
             _look(self.voxels.places[start:stop], place, self._image, *counts)
 
     def free(self) -> NDArray[np.bool_]:
-        """(M,) whether rays went through the column of a voxel: at least `FREE` of the looks at what moves there."""
+        """(M,) whether rays went through a voxel, and by at least `FREE` of all looks through what moves in its column.
+
+        The column tells what moves from what stands and was seen past at its edges; the voxel, from the ground below.
+        """
         columns = np.floor(self.voxels.places[:, :2] / COLUMN).astype(np.int64) @ np.array((1 << 32, 1))
         column = np.unique(columns, return_inverse=True)[1]
         through, ended = (np.bincount(column, looks) for looks in (self.through, self.ended))
-        enough: NDArray[np.bool_] = (through > 0) & (through >= FREE * (through + ended))
-        return enough[column]
+        enough = through >= FREE * (through + ended)
+        free: NDArray[np.bool_] = (self.through > 0) & enough[column]
+        return free
 
 
 @kernel

@@ -14,8 +14,8 @@ SMALLEST = 0.01  # m
 FIRST_ROWS = 1 << 16  # a power of 2
 FULL = 0.6  # share of the rows in use, beyond which there must be twice as many
 _FREE = np.int64(-1)
-# Of each row: its key, the last scan that saw the voxel, how many did, and of them how many saw it move; how many points
-# are in it, and the sums of their places within the voxel, in m, and of their remission
+# Of each row: its key, the last scan that saw the voxel, how many did, and of them how many saw it move; how many
+# points are in it, and the sums of their places within the voxel, in m, and of their remission
 Rows = tuple[NDArray[Any], ...]
 _HALF = 1 << 20  # voxels from the origin on each axis; 21 bits of a key are theirs
 
@@ -41,8 +41,8 @@ class MovingVoxels:
 class VoxelVotes:
     """Every scan has a vote on each voxel in which it saw something: it moves, if any point there is labelled so.
 
-    A voxel moves if at least half of the votes say so. What was missed of a mover in one scan, another has found in the
-    same place; what was a false alarm in one scan, others saw standing. Not for concurrent calls.
+    A voxel moves if more than half of the votes say so. What was missed of a mover in one scan, another has found in
+    the same place; what was a false alarm in one scan, others saw standing. Not for concurrent calls.
     """
 
     def __init__(self, size: float) -> None:
@@ -79,7 +79,7 @@ class VoxelVotes:
     def moving(self) -> MovingVoxels:
         """All voxels that move."""
         keys, last, seen, moved, *_ = self._rows
-        rows = np.flatnonzero((keys != _FREE) & (2 * moved >= seen))
+        rows = np.flatnonzero((keys != _FREE) & (2 * moved > seen))
         rows = rows[np.lexsort((keys[rows], np.abs(last[rows])))]
         return MovingVoxels(rows, self._corners(keys[rows]) + self._size / 2, np.abs(last[rows]))
 
@@ -94,7 +94,7 @@ class VoxelVotes:
     def static_map(self) -> StaticMap:
         """What is left where nothing moves."""
         keys, _, seen, moved, count, sums = self._rows
-        rows = np.flatnonzero((keys != _FREE) & (2 * moved < seen))
+        rows = np.flatnonzero((keys != _FREE) & (2 * moved <= seen))
         rows = rows[np.argsort(keys[rows])]
         means = sums[rows] / count[rows, None]
         points = (self._corners(keys[rows]) + means[:, :3]).astype(np.float32)
@@ -169,4 +169,4 @@ def _look_up(points, inverse, keys, last, seen, moved, found):  # type: ignore[n
         found[i] = False
         if key >= 0:
             row = _row_of(key, keys)
-            found[i] = keys[row] == key and 2 * moved[row] >= seen[row]
+            found[i] = keys[row] == key and 2 * moved[row] > seen[row]

@@ -66,7 +66,8 @@ def clean(
 ) -> None:
     """Write clean clouds, or a clean bag, without what moves, and a static map with a picture of it.
 
-    Labels come first, those of `mos run --delay 10`. Then all scans vote on each voxel whether it moves there.
+    Labels come first, those of `mos run --delay 10`. Then all scans vote on each voxel whether it moves there, and
+    rays must have gone through it.
     """
     wanted = wanted_of({Write.CLEAN, Write.MAP}, format, voxel, picture=True)
     settings = runner_settings(

@@ -65,12 +65,12 @@ def test_a_column_is_free_where_enough_rays_went_through(went, free):
     assert found.free().tolist() == [free, free]
 
 
-def test_what_moves_in_a_column_is_judged_together():
-    """The sky lies behind one of the places: no ray says that it is free, but those below do."""
-    found = Looks(voxels([[10.1, 0, 0], [10.1, 0, 9], [30.1, 0, 9]]))
+def test_a_voxel_that_nothing_went_through_stands_still():
+    """The ground, say, below something that moves."""
+    found = Looks(voxels([[10.1, 0, 0], [10.1, 0, 9]]))
     found.add(wall(20), HERE)
-    assert found.through.tolist() == [1, 0, 0]
-    assert found.free().tolist() == [True, True, False]
+    assert found.through.tolist() == [1, 0]
+    assert found.free().tolist() == [True, False]
 
 
 def test_scans_long_before_or_after_do_not_count(monkeypatch):

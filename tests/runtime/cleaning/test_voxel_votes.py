@@ -34,7 +34,7 @@ class Naive:
             self.points[voxel].append([*point, value])
 
     def moves(self, voxel):
-        return 2 * self.moved[voxel] >= self.seen[voxel]
+        return 2 * self.moved[voxel] > self.seen[voxel]
 
 
 @pytest.fixture
