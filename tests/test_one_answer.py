@@ -102,7 +102,6 @@ PLACES = {
         "runtime/typed_json.py",
         (r"json\.loads?\(", r"get_type_hints\(", r"\bfields\(cls\)", r"def from_(dict|json)\("),
         {
-            "runtime/recordings/run_note.py": "whether two notes are equal",
             "runtime/recordings/journal.py": "one line after the other; what it holds is built there",
             "mos_model/train.py": "a single value of the command line",
             "bench/startup.py": "what its own process printed",
