@@ -3,9 +3,12 @@
 import contextlib
 import errno
 import os
+import re
 import secrets
 import shutil
 import stat
+import tempfile
+import time
 from collections.abc import Iterator
 from io import BufferedReader
 from pathlib import Path
@@ -19,6 +22,10 @@ try:
     import fcntl
 except ImportError:  # Windows
     fcntl = None
+
+_SCRATCH = "lidar-mos-"
+_NEW = 60.0  # s in which a folder may not be locked yet by the process that makes it
+_TEMPORARY = re.compile(r"\..+\.[0-9a-f]{8}\.(part|old)")
 
 
 def read_ordinary(path: str | Path, most: int | None = None) -> bytes:
@@ -39,11 +46,12 @@ def open_ordinary(path: str | Path) -> BufferedReader:
 
 
 @contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path, shared: bool = False, wait: float = 3.0) -> Iterator[None]:
     """Within, no other process (nor call) may be in such a block of this folder, which is made as needed.
 
-    The lock is the system's own: it ends with the process, however that ends. On Windows, and where a file system has
-    none, there is no lock. Raises OutputError where another has it.
+    shared: but for others that share it. wait: s, for a process that is ending. The lock is the system's own: it ends
+    with the process, however that ends. On Windows, and where a file system has none, there is no lock. Raises
+    OutputError where another has it.
     """
     if fcntl is None:
         yield
@@ -55,7 +63,7 @@ def locked(folder: Path) -> Iterator[None]:
         raise OutputError(f"cannot write into {folder}: {error.strerror}; choose another place") from error
     try:
         try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(held, fcntl.LOCK_SH if shared else fcntl.LOCK_EX, wait)
         except BlockingIOError as error:
             raise OutputError(
                 f"{folder}: another run writes there just now; let it end, or choose another place (`out`)"
@@ -65,6 +73,64 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(held)
+
+
+def _lock(held: int, how: int, wait: float) -> None:
+    """Raises BlockingIOError where another has it for longer."""
+    assert fcntl
+    until = time.monotonic() + wait
+    while True:
+        try:
+            fcntl.flock(held, how | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            if time.monotonic() >= until:
+                raise
+            time.sleep(0.05)
+
+
+def sweep(folder: Path) -> None:
+    """Delete what `replacing` and `replacing_folder` left, anywhere below, in processes that were killed within.
+
+    Only where nobody else writes there, see `locked`.
+    """
+    for left in folder.rglob(".*"):
+        if not _TEMPORARY.fullmatch(left.name):
+            continue
+        if left.is_dir() and not left.is_symlink():
+            shutil.rmtree(left, ignore_errors=True)
+        else:
+            with contextlib.suppress(OSError):
+                left.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def scratch() -> Iterator[Path]:
+    """A new folder where the system keeps temporary files, gone with the block.
+
+    What processes left of such that were killed within is cleared away. Raises OutputError.
+    """
+    try:
+        folder = Path(tempfile.mkdtemp(prefix=_SCRATCH))
+    except OSError as error:
+        raise OutputError(f"cannot make a folder for temporary files: {error}; set TMPDIR to another place") from error
+    with locked(folder):
+        for left in folder.parent.glob(f"{_SCRATCH}*") if fcntl else ():
+            with contextlib.suppress(OutputError, OSError), locked(left, wait=0):  # else it is in use
+                if time.time() - left.stat().st_mtime > _NEW:
+                    shutil.rmtree(left, ignore_errors=True)
+        try:
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def delete(file: Path) -> None:
+    """Delete a file that may be there. Raises OutputError."""
+    try:
+        file.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot delete {file}: {error.strerror}") from error
 
 
 def write_whole(path: str | Path, data: bytes | memoryview, sync: bool = True) -> None:
@@ -116,7 +182,7 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
 def _beside(path: str | Path) -> Iterator[Path]:
     """A name in the folder of `path` that nobody else uses; what the system refuses becomes OutputError."""
     place = Path(os.path.abspath(path))  # not resolved: of a link, its own folder
-    part = place.with_name(f".{place.name}.{secrets.token_hex(4)}.part")
+    part = place.with_name(f".{place.name}.{secrets.token_hex(4)}.part")  # as _TEMPORARY has it
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         yield part

@@ -1,6 +1,5 @@
 """The main job: a prediction file for every scan of a recording. Interrupted, it goes on where it was."""
 
-import hashlib
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -16,16 +15,15 @@ from runtime.belief.result import MosResult
 from runtime.bundle.loading import sha256_of
 from runtime.bundle.manifest import MANIFEST
 from runtime.errors import MosError, PoseError, ScanError
-from runtime.files import locked
-from runtime.recordings.journal import JOURNAL, Dependence, Entry, Journal
+from runtime.files import delete, locked
+from runtime.recordings.journal import JOURNAL, Dependence, Entry, Journal, piece_journal
 from runtime.recordings.labels import LABEL_BYTES, write_labels
 from runtime.recordings.poses import check_pose
 from runtime.recordings.read_ahead import read_ahead
 from runtime.recordings.recording import Indexed, Recording, Scan
-from runtime.recordings.run_note import claim, delete
+from runtime.recordings.run_note import RunNote, check_own, claim, settled_at
 from runtime.runner import MosRunner
-from runtime.sensors.registry import SENSORS
-from runtime.sensors.sensor import Sensor
+from runtime.sensors.registry import told_apart
 
 
 @dataclass
@@ -74,6 +72,7 @@ def predict(
     overwrite: bool = False,
     skip_broken: bool = False,
     outputs: Sequence[Output] = (),
+    piece: range | None = None,
     on_progress: Callable[[int, int | None], object] = lambda done, total: None,
 ) -> Summary:
     """Write the labels of every scan of `recording` under `out`; 251 moving, 9 everything else.
@@ -85,19 +84,23 @@ def predict(
     skip_broken: a scan that cannot be read, or whose pose is broken, gets no label; the scans after it are labelled
     as after a gap, without those before it. Such scans are noted in run.json, and tried again in every run.
     outputs: what else is written of each scan; where that is missing, the scan is labelled anew.
+    piece: only scans of these numbers get labels, the same ones as in a run over all: those that they depend on are
+    read before them (and after them, with a delay). `runtime.fleet.dividing` says what comes before and after pieces.
     `on_progress(done, total)` is called at the start and after every scan; total: None if it is not known.
 
     Raises SettingError where `out` holds predictions of other settings (then `overwrite` deletes them first),
     OutputError where another run writes there just now, and the ScanError, PoseError, InferenceError or OutputError of
     a scan that fails, saying which; what was finished stays.
     """
-    with locked(predictions_folder(out, recording).parent):
-        run = _Run(recording, runner, predictions_folder(out, recording), overwrite, outputs)
+    with locked(predictions_folder(out, recording).parent, shared=piece is not None):
+        run = _Run(recording, runner, out, outputs, piece)
+        run.begin(overwrite)
         total = len(recording) if isinstance(recording, Indexed) else None
-        on_progress(0, total)
-        scans = read_ahead(recording.scans())
+        begin, end = (0, total) if piece is None else (piece.start, len(piece))
+        on_progress(0, end)
+        scans = read_ahead(recording.scans(run.next))
         try:
-            for index in count():
+            for index in count(run.next):
                 try:
                     if not run.one(scans):
                         break
@@ -105,10 +108,11 @@ def predict(
                     skip = skip_broken and isinstance(error, ScanError | PoseError)
                     if not (skip and isinstance(recording, Indexed)):
                         raise run.stopped(error, index, total) from error
-                    run.skip(recording.keys[index], str(error))
+                    run.skip(index, recording.keys[index], str(error))
                     scans.close()
                     scans = read_ahead(recording.scans(index + 1))
-                on_progress(index + 1, total)
+                if index >= begin:
+                    on_progress(min(index + 1 - begin, end or index + 1), end)
         finally:
             scans.close()
         run.close()
@@ -119,6 +123,7 @@ def predict(
 class _Read:
     """A scan whose label has not been dealt with."""
 
+    number: int
     scan: Scan
     seconds: float  # that were spent on waiting for it
     known: bool = False  # to the runner, by a call
@@ -129,13 +134,13 @@ class _Run:
     """A run between two scans."""
 
     def __init__(
-        self, recording: Recording, runner: MosRunner, folder: Path, overwrite: bool, outputs: Sequence[Output]
+        self, recording: Recording, runner: MosRunner, out: str | Path, outputs: Sequence[Output], piece: range | None
     ) -> None:
-        """Claim the folder, see `claim`."""
-        self.recording, self.runner, self.folder, self.outputs = recording, runner, folder, outputs
-        self.note = claim(folder, _identity(recording, runner), recording, overwrite)
-        self.journal = Journal(folder.with_name(JOURNAL))
-        self.summary = Summary(folder)
+        self.recording, self.runner, self.outputs = recording, runner, outputs
+        self.folder = predictions_folder(out, recording)
+        self.summary, self.next = Summary(self.folder), 0  # number of the scan that is read next
+        self.note: RunNote | None = None
+        self._piece = piece
         self._delay: int = runner.settings.delay
         self._dependence = Dependence(runner.history_length + self._delay)
         self._ahead: deque[_Read] = deque()  # read, but their labels depend on scans that are not
@@ -143,8 +148,25 @@ class _Run:
         self._given: deque[_Read] = deque()  # to the runner, which has not given their results yet
         runner.reset()
 
+    def begin(self, overwrite: bool) -> None:
+        """Claim the folder, see `claim`; of a piece: go to the first scan that it depends on."""
+        whole, chosen = self.folder.with_name(JOURNAL), identity(self.recording, self.runner)
+        if self._piece is None:
+            self.note = claim(self.folder, chosen, self.recording, overwrite)
+            self.journal = Journal(whole)
+            return
+        check_own(self.folder, chosen)
+        settled = settled_at(self.folder)
+        self.journal = Journal(piece_journal(whole, self._piece), whole)
+        self.next = max(0, self._piece.start - self.runner.history_length)
+        if settled.shown_by is not None and settled.shown_by < self.next:
+            shown = next(self.recording.scans(settled.shown_by))
+            self.runner.choose_sensor(shown.data, shown.ring)
+
     def one(self, scans: Iterator[Scan]) -> bool:
         """Read the next scan, and label that which it completes unless its label is there; False at the end."""
+        if self._piece and self.next == self._piece.stop + self._delay:
+            return False
         started = time.perf_counter()
         scan = next(scans, None)
         if scan is None:
@@ -153,7 +175,8 @@ class _Run:
         check_pose(scan.known_pose(), "pose")  # before other scans come to depend on it
         self.runner.choose_sensor(scan.data, scan.ring)  # the first of the recording, not the first that is labelled
         made_of = self._dependence.add(self.recording.fingerprint(scan))
-        self._ahead.append(_Read(scan, time.perf_counter() - started))
+        self._ahead.append(_Read(self.next, scan, time.perf_counter() - started))
+        self.next += 1
         if len(self._ahead) > self._delay:
             self._deal_with(made_of)
         return True
@@ -163,12 +186,15 @@ class _Run:
         while self._ahead:
             self._deal_with(self._dependence.add(""))
 
-    def skip(self, key: str, reason: str) -> None:
+    def skip(self, number: int, key: str, reason: str) -> None:
         """Leave a broken scan without a label, and forget those before it."""
         self.finish()
         self._forget()
         self._unseen.clear()
         self._dependence.clear()
+        self.next = number + 1
+        if not self._is_wanted(number):
+            return
         self.summary.broken[key] = reason
         if self.journal[key].broken == reason:
             self.summary.resumed += 1
@@ -176,20 +202,25 @@ class _Run:
         self.journal.take_back(key)
         delete(self.folder / f"{key}.label")
         self.journal.note(key, Entry(broken=reason))
-        self.note.write(self.journal.broken())
+        self.close()
 
     def stopped(self, error: MosError, index: int, total: int | None) -> MosError:
         """The error of a scan, with where it is and what is left."""
         name = self.recording.keys[index] if isinstance(self.recording, Indexed) else "number"
         waiting = f", but for {len(self._ahead)} that wait for later scans," if self._delay else ""
+        before = f"from number {self._piece.start + 1} to it" if self._piece else "before it"
         return type(error)(
             f"stopped at scan {name} ({index + 1}{f' of {total}' if total else ''}): {error}. The "
-            f"predictions before it are complete{waiting} in {self.folder}; the same command goes on from there"
+            f"predictions {before} are complete{waiting} in {self.folder}; the same command goes on from there"
         )
 
     def close(self) -> None:
         """Note the scans that are broken still."""
-        self.note.write(self.journal.broken())
+        if self.note:
+            self.note.write(self.journal.broken())
+
+    def _is_wanted(self, number: int) -> bool:
+        return self._piece is None or number in self._piece
 
     def _deal_with(self, made_of: str) -> None:
         """Label the first of the scans ahead unless its label is there, made of the same."""
@@ -198,7 +229,9 @@ class _Run:
         path = self.folder / f"{key}.label"
         size = path.stat().st_size if path.is_file() else None
         whole = size == LABEL_BYTES * len(read.scan.data) and all(one.path(key).is_file() for one in self.outputs)
-        if self.journal[key] == Entry(made_of) and whole:
+        if not self._is_wanted(read.number):
+            pass  # others depend on it
+        elif self.journal[key] == Entry(made_of) and whole:
             self.summary.resumed += 1
         else:
             self.summary.anew += self.journal[key].made_of not in (None, made_of)
@@ -252,26 +285,14 @@ class _Run:
         self._given.clear()
 
 
-def _identity(recording: Recording, runner: MosRunner) -> dict[str, Any]:
+def identity(recording: Recording, runner: MosRunner) -> dict[str, Any]:
     """What was chosen for these predictions: they may be continued only by a run of the same."""
     return {
         "bundle": runner.bundle.manifest.name,
         "manifest_sha256": sha256_of(runner.bundle.path / MANIFEST),
-        "sensor": _fingerprint(runner.settings.profile),
-        "nearest": runner.settings.nearest,
-        "body": runner.settings.body,
-        "postprocess": runner.postprocess,
-        "refine": runner.settings.refine,
-        "precision": runner.precision,
-        "belief": runner.belief,
-        "delay": runner.settings.delay,
+        "sensor": runner.settings.profile and told_apart(runner.settings.profile),
+        **{name: getattr(runner.settings, name) for name in ("nearest", "body", "refine", "delay")},
+        **{name: getattr(runner, name) for name in ("postprocess", "precision", "belief")},
         "version": __version__,
         "poses": recording.poses_from,
     }
-
-
-def _fingerprint(sensor: Sensor | None) -> str | None:
-    """The name of a given sensor; of one that is not known by it, with a checksum of what it is."""
-    if sensor is None or sensor == SENSORS.get(sensor.name):
-        return None if sensor is None else sensor.name
-    return f"{sensor.name} {hashlib.sha256(repr(sensor).encode()).hexdigest()[:12]}"

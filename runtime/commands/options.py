@@ -39,11 +39,11 @@ Input = Annotated[
     ),
 ]
 Inputs = Annotated[
-    list[Path],
+    list[str],
     typer.Argument(
         metavar="INPUT...",
-        help="Recordings, folders that have some anywhere below, or patterns as 'logs/*/drive.bag'. A recording is a "
-        f"KITTI sequence (.../sequences/NN) or a folder of scans: {_FORMATS}",
+        help="Recordings, folders that have some anywhere below, or patterns as 'logs/*/drive.bag'; in files, or at "
+        f"s3://BUCKET/KEY. A recording is a KITTI sequence (.../sequences/NN) or a folder of scans: {_FORMATS}",
     ),
 ]
 Bundle = Annotated[Path | None, typer.Option(help="Bundle to use.", show_default=INSTALLED)]

@@ -49,14 +49,16 @@ from runtime.commands.terminal_voice import TerminalVoice
 from runtime.commands.written import Format, Voxel, Write, wanted_of
 
 if TYPE_CHECKING:
-    from runtime.fleet.work import Way
+    from runtime.fleet.plan import Way
 
 LOCAL, RAY = "local", "ray"
 
 
 def run(
     paths: Inputs,
-    out: Annotated[Path, typer.Option(help="Folder for sequences/NN/predictions/*.label.")] = Path("predictions"),
+    out: Annotated[
+        str, typer.Option(metavar="FOLDER", help="Folder for sequences/NN/predictions/*.label, or s3://BUCKET/KEY.")
+    ] = "predictions",
     bundle: Bundle = None,
     sensor: OwnSensor = None,
     threads: Threads = 2,
@@ -69,6 +71,14 @@ def run(
             metavar="local|ray|ray://HOST:PORT", help="This machine, or a cluster of Ray: a task for each recording."
         ),
     ] = LOCAL,
+    piece: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Label recordings of more scans than this in pieces of so many, each as a task of its own.",
+            show_default="whole",
+        ),
+    ] = None,
     limit: Annotated[
         int | None, typer.Option(min=1, help="Only the first scans of a sequence.", show_default="all")
     ] = None,
@@ -159,23 +169,27 @@ def run(
     )
 
     from runtime.bundle.loading import load_bundle
+    from runtime.fleet.remote import place_of
+    from runtime.fleet.store import find_places
     from runtime.recordings.registry import check_count, open_recording
-    from runtime.recordings.searching import search_recordings
 
-    found = search_recordings(paths, tuple(names or ()))
     with wrong_usage():
+        results = place_of(out)
+        found = find_places(paths, tuple(names or ()))
         check_count(len(found), options)
-        recording = open_recording(found[0], options) if len(found) == 1 else None
+        given = found[0] if len(found) == 1 else None
+        recording = open_recording(given, options) if isinstance(given, Path) else None
     points = settings.postprocess or load_bundle(bundle).manifest.postprocess
     if (refine or head_engine) and points != "head":
         raise typer.BadParameter(f"--refine and --head-engine are for the point head, not for --postprocess {points}")
 
-    if recording is not None and on == LOCAL and jobs == 1:
+    alone = on == LOCAL and jobs == 1 and piece is None
+    if alone and recording is not None and isinstance(results, Path):
         from runtime.fleet.labelling import label
         from runtime.runner import MosRunner
 
         with interruptible(), MosRunner(bundle, settings=settings) as runner:
-            summary = label(recording, runner, options, out, overwrite, wanted, TerminalVoice())
+            summary = label(recording, runner, options, results, overwrite, wanted, TerminalVoice())
         show_summary(recording.name, summary)
         return
 
@@ -183,7 +197,7 @@ def run(
     from runtime.fleet.work import settle
 
     with interruptible():
-        label_several(found, settle(bundle, settings, options, out, overwrite, wanted), _way(on, jobs))
+        label_several(found, settle(bundle, settings, options, results, overwrite, wanted, piece), _way(on, jobs))
 
 
 def _way(on: str, jobs: int) -> "Way":

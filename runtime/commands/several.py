@@ -1,7 +1,6 @@
 """Several recordings: progress over all of them, and a table at the end."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -12,17 +11,20 @@ from runtime.commands.output import Terminal, say, show_line
 from runtime.errors import some
 
 if TYPE_CHECKING:
-    from runtime.fleet.work import Done, Event, Way, Work
+    from runtime.fleet.events import Done, Event
+    from runtime.fleet.plan import Way
+    from runtime.fleet.remote import Place
+    from runtime.fleet.work import Work
 
 
-def label_several(paths: Sequence[Path], work: "Work", way: "Way") -> None:
-    """Label the recordings at these paths by one of the ways of `runtime.fleet`. Ends with 1 where one is not."""
-    with _Watched(len(paths)) as watched:
-        way(work, paths, hear=watched.hear)
+def label_several(places: "Sequence[Place]", work: "Work", way: "Way") -> None:
+    """Label the recordings at these places by one of the ways of `runtime.fleet`. Ends with 1 where one is not."""
+    with _Watched(len(places)) as watched:
+        way(work, places, hear=watched.hear)
     show_table(watched.done)
     show_line(f"predictions: {work.out}")
     if broken := [f"{one.name} ({one.error})" for one in watched.done if one.error]:
-        say(f"{len(broken)} of {len(paths)} recordings are not labelled, or not to their end: {some(broken)}")
+        say(f"{len(broken)} of {len(places)} recordings are not labelled, or not to their end: {some(broken)}")
         raise typer.Exit(1)
 
 
@@ -63,7 +65,7 @@ class _Watched:
 
     def hear(self, event: "Event") -> None:
         """See `Hear`."""
-        from runtime.fleet.work import Done, Said
+        from runtime.fleet.events import Done, Said, Scans
 
         if isinstance(event, Said):
             name = f"{event.name}: " if event.name else ""
@@ -74,7 +76,7 @@ class _Watched:
             self._scans[event.name] = (event.scans + event.resumed, 1.0)
             if event.error:
                 say(f"{event.name}: {event.error}")
-        else:
+        elif isinstance(event, Scans):
             self._scans[event.name] = (event.done, event.done / event.total if event.total else 0.0)
         scans, shares = (sum(numbers) for numbers in zip(*self._scans.values(), strict=True))
         text = f"{len(self.done)}/{self._count}, {scans:,} scans"

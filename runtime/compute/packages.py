@@ -6,7 +6,7 @@ from runtime.errors import MissingPackageError
 
 PILLOW, RERUN, LASPY, LAZRS, LZF, PYARROW, ROSBAGS = "PIL", "rerun", "laspy", "lazrs", "lzf", "pyarrow", "rosbags"
 OUSTER, VELODYNE = "ouster", "velodyne_decoder"
-KISS_ICP, CYCLONEDDS, RAY = "kiss_icp", "cyclonedds", "ray"
+KISS_ICP, CYCLONEDDS, RAY, S3FS = "kiss_icp", "cyclonedds", "ray", "s3fs"
 _BROUGHT = {  # as pip knows them, and by which extra
     PILLOW: ("Pillow", "view"),
     RERUN: ("rerun-sdk", "view"),
@@ -19,6 +19,7 @@ _BROUGHT = {  # as pip knows them, and by which extra
     VELODYNE: ("velodyne-decoder", "velodyne"),
     KISS_ICP: ("kiss-icp", "odometry"),
     RAY: ("ray", "fleet"),
+    S3FS: ("s3fs", "s3"),
     CYCLONEDDS: ("cyclonedds", "live"),
 }
 

@@ -1,6 +1,7 @@
 """What is done with a recording: find poses, label, write what is left, and say so."""
 
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 
 from runtime.cleaning.cleaning import CLEAN, SAME, write_clean, write_maps
@@ -26,40 +27,83 @@ def label(
     given: Indexed, runner: MosRunner, options: Options, out: Path, overwrite: bool, wanted: Wanted, voice: Voice
 ) -> Summary:
     """All of it, of one recording; the voice is told what else was written. Raises what `predict` does, and readers."""
+    recording, misfits = prepare(given, runner, options, out, wanted, voice)
+    summary = label_scans(recording, runner, options, out, wanted, voice, misfits, overwrite=overwrite)
+    warn_of_broken(recording.name, summary.broken, voice)
+    write_beside(recording, runner, out, wanted, voice)
+    return summary
+
+
+def prepare(
+    given: Indexed, runner: MosRunner, options: Options, out: Path, wanted: Wanted, voice: Voice
+) -> tuple[Indexed, set[str]]:
+    """The recording, with poses, and the topics on which it does not fit, which is said."""
     if wanted.bag:
         given.check_takes_labels()  # before anything is labelled
-    labels = predictions_folder(out, given)
-    recording = _located(given, options, labels.parent, voice)
-    clouds = LabelledClouds(labels.with_name("clouds"), wanted.form or "ply")
-    probabilities = Probabilities(labels.with_name("probabilities"))
-    outputs: list[Output] = [*([clouds] if wanted.cloud else []), *([probabilities] if wanted.bag else [])]
+    recording = _located(given, options, predictions_folder(out, given).parent, voice)
     chosen = sensor_of(recording, runner.bundle.manifest, runner.settings.profile)
-    told = _warn_of_misfits(in_own_frame(recording, chosen), chosen.entry.range_image, options.skip_broken, voice)
+    own = in_own_frame(recording, chosen)
+    return recording, _warn_of_misfits(own, chosen.entry.range_image, options.skip_broken, voice)
+
+
+def label_scans(
+    recording: Indexed,
+    runner: MosRunner,
+    options: Options,
+    out: Path,
+    wanted: Wanted,
+    voice: Voice,
+    misfits: Iterable[str],
+    *,
+    overwrite: bool = False,
+    piece: range | None = None,
+) -> Summary:
+    """Labels, and what is written scan by scan beside them. misfits: topics on which enough is said."""
+    labels = predictions_folder(out, recording)
+    outputs: list[Output] = [_clouds(labels, wanted)] if wanted.cloud else []
+    outputs += [_probabilities(labels)] if wanted.bag else []
     with warnings.catch_warnings(), voice.counted(f"sequence {recording.name}", labels=True) as progress:
-        for topic in told:
+        for topic in misfits:
             warnings.filterwarnings("ignore", f"{topic}: ", MosWarning)  # the runner's own word on it
-        summary = predict(
+        return predict(
             recording,
             runner,
             out,
             overwrite=overwrite,
             skip_broken=options.skip_broken,
             outputs=outputs,
+            piece=piece,
             on_progress=progress,
         )
-    if summary.broken:
-        reasons = some([f"{key} ({reason})" for key, reason in summary.broken.items()])
-        broken = f"broken scans, left without a label: {len(summary.broken)}: {reasons}"
-        voice.warn(f"sequence {recording.name}: {broken}")
+
+
+def warn_of_broken(name: str, broken: dict[str, str], voice: Voice) -> None:
+    """Say which scans are left without a label, and why."""
+    if broken:
+        reasons = some([f"{key} ({reason})" for key, reason in broken.items()])
+        voice.warn(f"sequence {name}: broken scans, left without a label: {len(broken)}: {reasons}")
+
+
+def write_beside(recording: Indexed, runner: MosRunner, out: Path, wanted: Wanted, voice: Voice) -> None:
+    """What is made of all labels of a recording."""
+    labels = predictions_folder(out, recording)
     if wanted.cloud:
         voice.show(f"clouds: {labels.with_name('clouds')}")
     if wanted.bag:
         with voice.counted(f"{recording.name} with labels") as progress:
-            count = write_labelled_bag(recording, labels, probabilities, labels.with_name("bag"), progress)
+            count = write_labelled_bag(recording, labels, _probabilities(labels), labels.with_name("bag"), progress)
         voice.show(f"bag with labels: {labels.with_name('bag')}, {count} clouds")
     if wanted.clean or wanted.map:
+        chosen = sensor_of(recording, runner.bundle.manifest, runner.settings.profile)
         _write_left(recording, labels, wanted, chosen.mounting, voice)
-    return summary
+
+
+def _clouds(labels: Path, wanted: Wanted) -> LabelledClouds:
+    return LabelledClouds(labels.with_name("clouds"), wanted.form or "ply")
+
+
+def _probabilities(labels: Path) -> Probabilities:
+    return Probabilities(labels.with_name("probabilities"))
 
 
 def _located(recording: Indexed, options: Options, folder: Path, voice: Voice) -> Indexed:

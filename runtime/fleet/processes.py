@@ -2,25 +2,26 @@
 
 import multiprocessing
 import signal
-from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
-from pathlib import Path
 
 from runtime.errors import InferenceError, MosError, is_interrupt
+from runtime.fleet.doing import Telling, do
+from runtime.fleet.events import Divided, Done, Hear, Said
+from runtime.fleet.plan import Plan, Task
+from runtime.fleet.remote import Place
 from runtime.fleet.voice import heard
-from runtime.fleet.work import Done, Hear, Said, Telling, Work, do
-from runtime.recordings.searching import name_of
+from runtime.fleet.work import Work
 
 AGAIN = 3  # times that a recording is tried again whose process died
 PATIENCE = 10.0  # s in which a process is to end by itself
 READY = "ready"
 
 
-def label_in_processes(work: Work, paths: Sequence[Path], *, jobs: int, hear: Hear) -> None:
+def label_in_processes(work: Work, places: Sequence[Place], *, jobs: int, hear: Hear) -> None:
     """A process that dies, as one that the system kills for want of memory, has its recording tried again.
 
     Threads are divided among the processes, one each at least. Raises what `Work.runner` does, and InferenceError where
@@ -28,11 +29,11 @@ def label_in_processes(work: Work, paths: Sequence[Path], *, jobs: int, hear: He
     """
     threads = max(1, (work.settings.threads or 1) // jobs)
     crew = _Crew(replace(work, settings=replace(work.settings, threads=threads)))
-    waiting, lost = deque(_Task(path) for path in paths), 0  # processes that died in a row before they were ready
+    plan, lost = Plan(work, places, hear), 0  # processes that died in a row before they were ready
     with crew:
-        for _ in range(min(jobs, len(paths))):
+        for _ in range(jobs if work.piece else min(jobs, len(places))):
             crew.start()
-        while waiting or any(one.task for one in crew.workers):
+        while crew.give(plan):
             for worker in crew.heard_from():
                 try:
                     event = worker.connection.recv()
@@ -42,27 +43,23 @@ def label_in_processes(work: Work, paths: Sequence[Path], *, jobs: int, hear: He
                     if lost > AGAIN:
                         raise InferenceError(f"processes that are to label die when they start ({why})") from None
                     if task and task.again < AGAIN:
-                        hear(Said(name_of(task.path), f"its process died ({why}), and it is tried again", warning=True))
-                        waiting.appendleft(_Task(task.path, task.again + 1))
+                        hear(Said(task.name, f"its process died ({why}), and it is tried again", warning=True))
+                        plan.first(task.once_more())
                     elif task:
-                        hear(Done(name_of(task.path), f"its process died ({why}), {AGAIN + 1} times in a row"))
-                    if waiting:
+                        plan.hear(task, Done(task.name, f"its process died ({why}), {AGAIN + 1} times in a row"))
+                    if plan.waits:
                         crew.start()
                     continue
                 if isinstance(event, MosError):
                     raise event
                 if event == READY:
                     worker.ready, lost = True, 0
+                elif worker.task:
+                    plan.hear(worker.task, event)
                 else:
                     hear(event)
-                if event == READY or isinstance(event, Done):
-                    worker.give(waiting.popleft() if waiting else None)
-
-
-@dataclass(frozen=True)
-class _Task:
-    path: Path
-    again: int = 0  # times that it was tried before
+                if isinstance(event, Done | Divided):
+                    worker.task = None
 
 
 @dataclass
@@ -72,13 +69,7 @@ class _Worker:
     process: SpawnProcess
     connection: Connection
     ready: bool = False
-    task: _Task | None = None
-
-    def give(self, task: _Task | None) -> None:
-        self.task = task
-        if task:
-            with suppress(OSError):  # it died: that is heard next
-                self.connection.send(task.path)
+    task: Task | None = None
 
 
 class _Crew:
@@ -112,6 +103,15 @@ class _Crew:
         theirs.close()
         self.workers.append(_Worker(process, ours))
 
+    def give(self, plan: Plan) -> bool:
+        """Tasks to those that are ready for one; False where nothing is to be done any more."""
+        for worker in self.workers:
+            if worker.ready and not worker.task and (task := plan.next()):
+                worker.task = task
+                with suppress(OSError):  # it died: that is heard next
+                    worker.connection.send(task)
+        return plan.waits or any(one.task for one in self.workers)
+
     def heard_from(self) -> list[_Worker]:
         """Those that said something, or died."""
         ready = wait([one.connection for one in self.workers])
@@ -144,8 +144,8 @@ def _serve(connection: Connection, work: Work) -> None:
         with heard(Telling("", connection.send)), work.runner() as runner:
             connection.send(READY)
             while True:
-                path = connection.recv()
-                connection.send(do(work, runner, path, connection.send))
+                task = connection.recv()
+                connection.send(do(work, runner, task, connection.send))
     except MosError as error:
         connection.send(error)
     except (EOFError, ConnectionError):  # the one that has it is gone, or needs it no more

@@ -1,27 +1,20 @@
-"""Many recordings to label: what is to be done with each, what is heard of it, and what became of it."""
+"""What is to be done with each of many recordings."""
 
 import socket
-import time
-import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from runtime import __version__
 from runtime.bundle.loading import load_bundle, sha256_of
 from runtime.bundle.manifest import MANIFEST
 from runtime.compute.sessions import provider_name
-from runtime.errors import BundleError, MosError, is_interrupt
-from runtime.fleet.labelling import label
-from runtime.fleet.voice import Progress, heard
+from runtime.errors import BundleError
+from runtime.fleet.remote import Place
 from runtime.fleet.wanted import Wanted
 from runtime.image.precision import choose_precision
 from runtime.recordings.extrinsics import read_extrinsics
 from runtime.recordings.recording import Options
-from runtime.recordings.registry import open_recording
-from runtime.recordings.searching import name_of
 from runtime.runner import MosRunner
 from runtime.settings import RunnerSettings
 
@@ -34,10 +27,17 @@ class Work:
     manifest_sha256: str  # of the bundle
     settings: RunnerSettings
     options: Options
-    out: Path
+    out: Place
     overwrite: bool
     wanted: Wanted
+    piece: int | None = None  # scans of a piece, where recordings of more are divided
     version: str = __version__  # of this package
+
+    @property
+    def folder(self) -> Path:
+        """`out`, once it is on this machine: see `at_hand`."""
+        assert isinstance(self.out, Path)
+        return self.out
 
     def runner(self) -> MosRunner:
         """Raises BundleError where this machine has another bundle or version, and what `MosRunner` does."""
@@ -52,52 +52,14 @@ class Work:
         return runner
 
 
-@dataclass(frozen=True)
-class Said:
-    """Something that a user should know of a recording."""
-
-    name: str
-    text: str
-    warning: bool = False
-
-
-@dataclass(frozen=True)
-class Scans:
-    """How far a recording is."""
-
-    name: str
-    done: int
-    total: int | None  # None: that is not known
-
-
-@dataclass(frozen=True)
-class Done:
-    """What became of a recording."""
-
-    name: str
-    error: str = ""  # why it is not labelled; "": it is
-    scans: int = 0  # that were labelled
-    resumed: int = 0  # that had their labels
-    points: int = 0  # of those that were labelled
-    moving: int = 0
-    warnings: int = 0
-    seconds: float = 0.0
-    host: str = ""
-
-
-Event = Said | Scans | Done
-Hear = Callable[[Event], object]
-
-
-class Way(Protocol):
-    """How the recordings at some paths are labelled: one after the other, in processes, on other machines."""
-
-    def __call__(self, work: Work, paths: Sequence[Path], *, hear: Hear) -> None:
-        """`hear` is told of each recording, `Done` last. Raises what stops all of them."""
-
-
 def settle(
-    bundle: Path | None, settings: RunnerSettings, options: Options, out: Path, overwrite: bool, wanted: Wanted
+    bundle: Path | None,
+    settings: RunnerSettings,
+    options: Options,
+    out: Place,
+    overwrite: bool,
+    wanted: Wanted,
+    piece: int | None = None,
 ) -> Work:
     """Decide here what would be decided by each machine: sensor file, precision of the network, where files lie.
 
@@ -115,48 +77,8 @@ def settle(
         sha256_of(loaded.path / MANIFEST),
         replace(settings, precision=precision, sensor=settings.profile),
         replace(options, **given),
-        out.absolute(),
+        out.absolute() if isinstance(out, Path) else out,
         overwrite,
         wanted,
+        piece,
     )
-
-
-def do(work: Work, runner: MosRunner, path: Path, hear: Hear) -> Done:
-    """Label the recording at a path. What is wrong with it is in the answer: it stops no other."""
-    begun, voice = time.perf_counter(), Telling(name_of(path), hear)
-    try:
-        with heard(voice):
-            recording = open_recording(path, work.options)
-            summary = label(recording, runner, work.options, work.out, work.overwrite, work.wanted, voice)
-        done = Done(voice.name, "", summary.scans, summary.resumed, summary.points, summary.moving)
-    except Exception as error:
-        if is_interrupt(error):
-            raise
-        expected = isinstance(error, MosError | OSError)
-        done = Done(voice.name, str(error) if expected else traceback.format_exc().rstrip())
-    seconds = time.perf_counter() - begun
-    return replace(done, warnings=voice.warnings, seconds=seconds, host=socket.gethostname())
-
-
-class Telling:
-    """The `Voice` of a recording among others."""
-
-    def __init__(self, name: str, hear: Hear) -> None:
-        self.name, self.warnings, self._hear = name, 0, hear
-
-    def say(self, text: str) -> None:
-        self._hear(Said(self.name, text))
-
-    def warn(self, text: str) -> None:
-        self.warnings += 1
-        self._hear(Said(self.name, text, warning=True))
-
-    show = say
-
-    @contextmanager
-    def counted(self, what: str, labels: bool = False) -> Iterator[Progress]:
-        def progress(done: int, total: int | None) -> None:
-            if labels:
-                self._hear(Scans(self.name, done, total))
-
-        yield progress

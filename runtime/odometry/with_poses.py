@@ -21,12 +21,14 @@ def with_poses(
     folder: Path | None = None,
     chosen: range | None = None,
     deskew: bool = True,
+    trusted: bool = False,
     on_progress: Progress = lambda done, total: None,
 ) -> Indexed:
     """The recording itself if it has poses; else one whose poses are found, in one pass over all of its scans.
 
     folder: where the poses are kept, and taken from if they are there, of these scans and this odometry; None: nowhere.
     chosen: only these consecutive scans have poses; None: all. deskew: of points with times.
+    trusted: the poses that are kept are of these scans, which are not read to see that.
 
     The logger says what was chosen; a MosWarning, where the odometry was lost. Raises SettingError, OutputError,
     MissingPackageError, and what the odometry raises.
@@ -37,7 +39,8 @@ def with_poses(
         check_place(folder)
     finder = choose_odometry(odometry)
     name = name_of(finder)
-    found = read_poses(folder, recording, name, deskew, on_progress) if folder and chosen is None else None
+    kept = folder is not None and chosen is None
+    found = read_poses(folder, recording, name, deskew, on_progress, trusted) if folder and kept else None
     if found is not None:
         log.info("%s: no poses are given; those that %s found before are in %s", recording.source, name, folder)
     else:

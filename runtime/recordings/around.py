@@ -33,6 +33,9 @@ class Around(Indexed):
     def count(self, index: int) -> int:
         return self.within.count(index)
 
+    def remission_scale(self) -> float | None:
+        return self.within.remission_scale()
+
     def labels(self, index: int) -> npt.NDArray[np.uint32] | None:
         return self.within.labels(index)
 
@@ -49,6 +52,17 @@ class Around(Indexed):
 
     def other_poses(self) -> dict[str, Poses]:
         return self.within.other_poses()
+
+
+class Called(Around):
+    """Under the name of the place that it is a copy of."""
+
+    def __init__(self, within: Indexed, source: str) -> None:
+        super().__init__(within)
+        self.source = source
+
+    def seen(self, index: int, scan: Scan) -> Scan:
+        return scan
 
 
 class Beginning(Around):

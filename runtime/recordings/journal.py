@@ -7,10 +7,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from runtime.errors import OutputError
-from runtime.files import read_ordinary, write_whole
+from runtime.files import delete, read_ordinary, write_whole
 from runtime.typed_json import build
 
 JOURNAL = "scans.jsonl"  # beside the folder of the labels
+PIECES = "scans.*.jsonl"  # of pieces that are labelled side by side, until they are joined
 
 
 @dataclass(frozen=True)
@@ -28,11 +29,15 @@ class Journal:
     says, so that whenever a run is killed, what stands here is true of the labels that are there.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Read what is there, leave out half a line at the end, and write it anew. Raises OutputError."""
+    def __init__(self, path: Path, whole: Path | None = None) -> None:
+        """Read what is there, leave out half a line at the end, and write it anew. Raises OutputError.
+
+        whole: the journal of the recording, where this one is that of a piece of it, and says what is newer.
+        """
         self.path = path
-        self._entries = _read(path)
-        write_whole(path, "".join(_line(key, entry) for key, entry in self._entries.items()).encode())
+        own = _read(path)
+        self._entries = (_read(whole) if whole else {}) | own
+        _write(path, own)
 
     def __getitem__(self, key: str) -> Entry:
         return self._entries.get(key, Entry())
@@ -56,6 +61,25 @@ class Journal:
         self._entries[key] = entry
 
 
+def piece_journal(whole: Path, piece: range) -> Path:
+    """That of a piece, the numbers of its scans, beside the journal of the recording."""
+    return whole.with_name(PIECES.replace("*", f"{piece.start:09d}-{piece.stop:09d}"))
+
+
+def join_pieces(whole: Path) -> None:
+    """Take what the journals of pieces say into that of the recording. Raises OutputError."""
+    pieces = sorted(whole.parent.glob(PIECES))
+    if pieces:
+        _write(whole, {key: entry for path in (whole, *pieces) for key, entry in _read(path).items()})
+    for path in pieces:
+        delete(path)
+
+
+def text_without(path: Path, scans: set[str]) -> bytes:
+    """What a journal would be if it did not know these scans."""
+    return _text({key: entry for key, entry in _read(path).items() if key not in scans})
+
+
 class Dependence:
     """Digest of the last scans, one after the other: what the label of the newest depends on."""
 
@@ -76,6 +100,14 @@ class Dependence:
 def _line(key: str, entry: Entry) -> str:
     known = {name: value for name, value in asdict(entry).items() if value is not None}
     return json.dumps({"scan": key, **known}) + "\n"
+
+
+def _write(path: Path, entries: dict[str, Entry]) -> None:
+    write_whole(path, _text(entries))
+
+
+def _text(entries: dict[str, Entry]) -> bytes:
+    return "".join(_line(key, entry) for key, entry in entries.items()).encode()
 
 
 def _read(path: Path) -> dict[str, Entry]:

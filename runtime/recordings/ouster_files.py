@@ -87,6 +87,9 @@ class OusterRecording(Indexed):
     def read(self, index: int) -> Scan:
         return self._scan(index, self._frames[index][0])
 
+    def remission_scale(self) -> float | None:
+        return self._remission.scale
+
     def count(self, index: int) -> int:
         (info,) = self._frames.sensor_info
         return int(info.w * info.h)

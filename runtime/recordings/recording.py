@@ -140,6 +140,10 @@ class Indexed(Recording, Protocol):
         """Points of scan `index`. Raises ScanError."""
         return len(self.read(index).data)
 
+    def remission_scale(self) -> float | None:
+        """By what the remission in the files is divided; None: that is not known."""
+        return None
+
     def labels(self, index: int) -> npt.NDArray[np.uint32] | None:
         """True labels of the points of scan `index` (N,), SemanticKITTI's numbers; None where there are none."""
         return None

@@ -66,6 +66,9 @@ class RosRecording(Indexed):
     def read(self, index: int) -> Scan:
         return self._scan(index, next(self._messages(index)))
 
+    def remission_scale(self) -> float | None:
+        return self._remission.scale
+
     def count(self, index: int) -> int:
         return self._stamps.counts[index]
 

@@ -61,6 +61,9 @@ class ScanFiles(Indexed):
     def count(self, index: int) -> int:
         return count_points(self.files[index], self.columns)
 
+    def remission_scale(self) -> float | None:
+        return self.remission.scale
+
     def labels(self, index: int) -> npt.NDArray[np.uint32] | None:
         path = self.folder / "labels" / f"{self.keys[index]}.label"
         return read_truth(path, self.count(index)) if path.is_file() else None

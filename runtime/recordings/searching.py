@@ -1,13 +1,16 @@
 """Recordings of many places: of paths, of folders with all that is below them, of patterns as shells have them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from glob import glob, has_magic
 from pathlib import Path
+from typing import TypeVar
 
 from runtime.errors import SequenceError, some
 from runtime.recordings.journal import JOURNAL
 from runtime.recordings.registry import READERS, as_given, check_names
 from runtime.recordings.run_note import NOTE
+
+T = TypeVar("T")
 
 
 def name_of(path: Path) -> str:
@@ -22,15 +25,18 @@ def search_recordings(given: Iterable[Path], names: tuple[str, ...] = ()) -> lis
     not searched. Raises SequenceError where a path does not exist, a pattern has no match, there is no recording of a
     name, or two have one name.
     """
-    paths = list(dict.fromkeys(one for path in given for place in _expanded(path) for one in _at(place)))
-    if names:
-        known = {name_of(path) for path in paths}
-        if missing := [name for name in names if name not in known]:
-            there = some(sorted(known), most=30)
-            raise SequenceError(f"{some(list(map(str, given)))}: no sequence {', '.join(missing)}; there are {there}")
-        paths = [path for name in dict.fromkeys(names) for path in paths if name_of(path) == name]
-    check_names([(name_of(path), str(path)) for path in paths])
-    return paths
+    found = {one: name_of(one) for path in given for place in _expanded(path) for one in _at(place)}
+    return choose_of(found, names, some(list(map(str, given))))
+
+
+def choose_of(found: Mapping[T, str], names: tuple[str, ...], given: str) -> list[T]:
+    """Of places, each with the name of its recording, those of some names, or all. Raises as `search_recordings`."""
+    known = set(found.values())
+    if missing := [name for name in names if name not in known]:
+        raise SequenceError(f"{given}: no sequence {', '.join(missing)}; there are {some(sorted(known), most=30)}")
+    chosen = [place for name in dict.fromkeys(names) for place in found if found[place] == name] or list(found)
+    check_names([(found[place], str(place)) for place in chosen])
+    return chosen
 
 
 def _expanded(path: Path) -> list[Path]:

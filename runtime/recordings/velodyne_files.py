@@ -55,6 +55,9 @@ class VelodyneRecording(Indexed):
         self._remission = Remission(options.remission_scale, self.source, self._first)
         self.sensor = self._sensor()
 
+    def remission_scale(self) -> float | None:
+        return self._remission.scale
+
     def read(self, index: int) -> Scan:
         if self._poses is not None and index in self._poses.broken:
             raise PoseError(self._poses.broken[index])

@@ -1,5 +1,6 @@
 """The sensors by their names, one line each."""
 
+import hashlib
 from pathlib import Path
 
 from runtime.errors import SettingError
@@ -52,6 +53,13 @@ def open_sensor(sensor: str | Path | Sensor) -> Sensor:
     if isinstance(sensor, str | Sensor):
         return find_sensor(sensor)
     raise SettingError(f"a sensor is a name, a JSON file or a Sensor, not {sensor!r:.60}")
+
+
+def told_apart(sensor: Sensor) -> str:
+    """The name of a sensor; of one that is not known by it, with a checksum of what it is."""
+    if sensor == SENSORS.get(sensor.name):
+        return sensor.name
+    return f"{sensor.name} {hashlib.sha256(repr(sensor).encode()).hexdigest()[:12]}"
 
 
 def name_of(image: RangeImage) -> str | None:

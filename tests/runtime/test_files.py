@@ -6,7 +6,7 @@ import stat
 import pytest
 
 from runtime.errors import OutputError
-from runtime.files import replacing, replacing_folder, write_whole
+from runtime.files import locked, replacing, replacing_folder, scratch, sweep, write_whole
 from tests.support.disk import full_disk
 
 
@@ -126,3 +126,46 @@ def test_a_folder_that_cannot_be_written_leaves_the_older_one(tmp_path, monkeypa
         write_folder(tmp_path / "folder", "newer")
     assert (tmp_path / "folder" / "inner" / "a").read_text() == "older"
     assert os.listdir(tmp_path) == ["folder"]
+
+
+def test_what_killed_processes_left_is_swept_away_and_nothing_else(tmp_path):
+    left = [tmp_path / "a" / ".000001.label.0123abcd.part", tmp_path / ".map.ply.89abcdef.part"]
+    kept = [tmp_path / ".part", tmp_path / "a" / "000001.label", tmp_path / "a" / ".notes.part"]
+    for path in [*left, *kept]:
+        write_whole(path, b"x")
+    for name in (".clean.0123abcd.part", ".clean.0123abcd.old"):
+        write_whole(tmp_path / name / "000000.ply", b"x")
+    sweep(tmp_path)
+    assert sorted(path for path in tmp_path.rglob("*") if path.is_file()) == sorted(kept)
+    assert not list(tmp_path.glob(".clean*"))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of POSIX")
+def test_temporary_folders_of_killed_processes_are_cleared_away(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    for name in ("lidar-mos-dead", "lidar-mos-young", "another"):
+        write_whole(tmp_path / name / "file", b"x")
+    os.utime(tmp_path / "lidar-mos-dead", (0, 0))
+    with scratch() as living:
+        os.utime(living, (0, 0))
+        with scratch() as other:
+            assert {path.name for path in tmp_path.iterdir()} == {
+                living.name,
+                other.name,
+                "lidar-mos-young",
+                "another",
+            }
+    assert {path.name for path in tmp_path.iterdir()} == {"lidar-mos-young", "another"}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of POSIX")
+def test_pieces_share_a_folder_and_keep_others_out(tmp_path):
+    with (
+        locked(tmp_path, shared=True),
+        locked(tmp_path, shared=True),
+        pytest.raises(OutputError, match="another run writes there"),
+        locked(tmp_path, wait=0),
+    ):
+        pass
+    with locked(tmp_path), pytest.raises(OutputError), locked(tmp_path, shared=True, wait=0):
+        pass

@@ -167,6 +167,12 @@ def test_incomplete_predictions_are_made_again(made, runner, whole, tmp_path):
     assert contents(tmp_path) == whole
 
 
+def test_a_run_without_points_of_the_vehicle_goes_on(made, bundle, tmp_path):
+    with MosRunner(bundle, threads=1, postprocess="none", body=(-1, -1, -2, 3, 1, 0)) as runner:
+        for resumed in (0, 3):
+            assert predict(open_recording(made, Options(limit=3)), runner, tmp_path).resumed == resumed
+
+
 def test_poses_of_another_file_are_refused_and_overwritten_on_request(folder, runner, whole, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         predict(open_recording(folder), runner, tmp_path / "out", on_progress=stop_after(3))

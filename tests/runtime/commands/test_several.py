@@ -55,3 +55,19 @@ def test_two_of_one_name_are_an_error_before_anything_is_written(root, tmp_path,
     assert said.startswith("mos: ")
     assert "other/02 have one name" in said
     assert not out.exists()
+
+
+def test_patterns_folders_and_pieces(root, tmp_path, capsys):
+    """The same command, in pieces or not, goes on; a table says what became of each."""
+    out = tmp_path / "out"
+    arguments = ["run", str(root / "sequences" / "0[2-9]"), "--out", str(out), "--bundle", str(BUNDLE)]
+    assert main([*arguments, "--piece", "3", "--write", "cloud"]) == 0
+    assert labels(out, "02") == [f"{i:06d}" for i in range(COUNT)]
+    shown = capsys.readouterr()
+    assert re.search(rf"^02 +{COUNT} +0 +\d", shown.out, re.MULTILINE)
+    assert shown.err.count("clouds: ") == 1
+    assert main([*arguments, "--jobs", "2"]) == 0
+    assert re.search(rf"^02 +{COUNT} +{COUNT} +- ", capsys.readouterr().out, re.MULTILINE)
+    assert main([*arguments, "--piece", "0"]) == 2
+    assert main(["run", "gs://bucket/logs", "--out", str(out)]) == 2
+    assert "s3://BUCKET/KEY" in capsys.readouterr().err

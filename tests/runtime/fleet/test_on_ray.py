@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from runtime.errors import MosError
+from runtime.fleet.events import Done
 from runtime.fleet.on_ray import label_on_ray
-from runtime.fleet.work import Done
 from tests.runtime.fleet.conftest import COUNT, labels
 from tests.support.paths import ROOT
 

@@ -9,9 +9,9 @@ import pytest
 
 from runtime.errors import BundleError
 from runtime.fleet import processes
+from runtime.fleet.events import Done, Said, Scans
 from runtime.fleet.here import label_here
 from runtime.fleet.processes import label_in_processes
-from runtime.fleet.work import Done, Said, Scans
 from tests.runtime.fleet.conftest import COUNT, labels
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="kills processes as POSIX does")
