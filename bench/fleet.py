@@ -20,6 +20,7 @@ from runtime.fleet.plan import Way
 from runtime.fleet.processes import label_in_processes
 from runtime.fleet.wanted import Wanted
 from runtime.fleet.work import settle
+from runtime.recordings.labels import LABEL_BYTES
 from runtime.recordings.recording import Options
 from runtime.recordings.searching import search_recordings
 from runtime.settings import RunnerSettings
@@ -43,7 +44,7 @@ def bench(
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         drives = _drives(root, sequence, scans)
-        ms = _beside_plain(root, drives[:1], scans, rounds)
+        ms, points = _beside_plain(root, drives[:1], scans, rounds)
         plain = float(np.median(ms["plain mos run"]))
         ways = {
             name: {"ms a scan": float(np.median(one)), "beside plain": float(np.median(one)) / plain}
@@ -52,11 +53,10 @@ def bench(
         show("one worker, one thread", ways)
         speed = _speeds(root, drives, scans)
         show("scans a second", speed)
-        sizes = [path.stat().st_size for path in (drives[0] / "velodyne").iterdir()]
-    read = float(np.mean(sizes))
-    fleet = _arithmetic(max(row["a core"] for row in speed.values()), read, read / 4)
+    read, written = 16 * points, LABEL_BYTES * points  # x, y, z, remission
+    fleet = _arithmetic(max(row["a core"] for row in speed.values()), read, written)
     show(f"arithmetic, not measured: {NODES} machines of {CORES} processors, {DRIVES:,} scans", fleet)
-    results = {"scans": scans, "bytes_a_scan": read, "ways": ways, "all_ms": ms, "speed": speed, "arithmetic": fleet}
+    results = {"scans": scans, "points_a_scan": points, "ways": ways, "all_ms": ms, "speed": speed, "arithmetic": fleet}
     save(out, 2, results)
 
 
@@ -73,18 +73,18 @@ def _drives(root: Path, sequence: Path | None, scans: int) -> list[Path]:
     return [root / "logs" / name for name in ("00", "01")]
 
 
-def _label(way: Way, out: Path, drives: list[Path], scans: int, threads: int) -> list[float]:
-    """Seconds of each recording, without those in which its process began."""
+def _label(way: Way, out: Path, drives: list[Path], scans: int, threads: int) -> list[Done]:
+    """What became of each recording; its seconds are without those in which its process began."""
     work = settle(None, RunnerSettings(threads=threads), Options(limit=scans), out, True, Wanted())
     heard: list[Any] = []
     way(work, drives, hear=heard.append)
     done = [one for one in heard if isinstance(one, Done)]
     assert all(one.scans == scans and not one.error for one in done), done
-    return [one.seconds for one in done]
+    return done
 
 
-def _beside_plain(root: Path, drives: list[Path], scans: int, rounds: int) -> dict[str, list[float]]:
-    """Milliseconds a scan of each way, in turn."""
+def _beside_plain(root: Path, drives: list[Path], scans: int, rounds: int) -> tuple[dict[str, list[float]], float]:
+    """Milliseconds a scan of each way, in turn, and points of a scan."""
     ways: dict[str, Callable[..., None]] = {
         "plain mos run": label_here,
         "--jobs 1": partial(label_in_processes, jobs=1),
@@ -93,9 +93,9 @@ def _beside_plain(root: Path, drives: list[Path], scans: int, rounds: int) -> di
     found: dict[str, list[float]] = {name: [] for name in ways}
     for _ in range(rounds):
         for name, way in ways.items():
-            (seconds,) = _label(way, root / "out", drives, scans, 1)
-            found[name].append(1e3 * seconds / scans)
-    return found
+            (done,) = _label(way, root / "out", drives, scans, 1)
+            found[name].append(1e3 * done.seconds / scans)
+    return found, done.points / scans
 
 
 def _speeds(root: Path, drives: list[Path], scans: int) -> dict[str, dict[str, Any]]:
@@ -103,8 +103,8 @@ def _speeds(root: Path, drives: list[Path], scans: int) -> dict[str, dict[str, A
     for workers in (1, 2):
         for threads in (1, 2):
             way = partial(label_in_processes, jobs=workers)
-            seconds = _label(way, root / "out", drives[:workers], scans, threads * workers)
-            speed = sum(scans / one for one in seconds)
+            done = _label(way, root / "out", drives[:workers], scans, threads * workers)
+            speed = sum(scans / one.seconds for one in done)
             cores = min(os.cpu_count() or 1, threads * workers)
             found[f"{workers} workers of {threads} threads"] = {
                 "scans/s": speed,

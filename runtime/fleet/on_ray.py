@@ -30,7 +30,7 @@ def label_on_ray(work: Work, places: Sequence[Place], *, address: str | None, he
     threads = work.settings.threads or 1
     try:
         ray.init(address=address, log_to_driver=False, logging_level="warning")
-    except (ConnectionError, OSError, RuntimeError, ValueError) as error:
+    except Exception as error:  # of any kind, as a bare one where a machine is too busy to start
         raise MosError(f"no cluster of Ray at {address or 'this machine'}: {error}") from error
     try:
         if threads > max((node["Resources"].get("CPU", 0) for node in ray.nodes() if node["Alive"]), default=0):

@@ -5,6 +5,7 @@ import os
 import signal
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,8 @@ pytestmark = [
 ]
 
 
-def test_a_worker_that_is_killed(paths, plain, work_at, tmp_path, monkeypatch):
+@pytest.mark.parametrize("piece", [None, 15])
+def test_a_worker_that_is_killed(piece, paths, plain, work_at, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.delenv("RAY_USAGE_STATS_ENABLED", raising=False)
     killed = []
@@ -37,7 +39,7 @@ def test_a_worker_that_is_killed(paths, plain, work_at, tmp_path, monkeypatch):
     thread = threading.Thread(target=kill, daemon=True)
     thread.start()
     heard = []
-    label_on_ray(work_at(tmp_path), paths, address=None, hear=heard.append)
+    label_on_ray(replace(work_at(tmp_path), piece=piece), paths, address=None, hear=heard.append)
     thread.join()
     assert killed
     assert os.environ["RAY_USAGE_STATS_ENABLED"] == "0"
