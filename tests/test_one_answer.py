@@ -103,6 +103,7 @@ PLACES = {
         (r"json\.loads?\(", r"get_type_hints\(", r"\bfields\(cls\)", r"def from_(dict|json)\("),
         {
             "runtime/recordings/journal.py": "one line after the other; what it holds is built there",
+            "runtime/recordings/run_note.py": "what is about to be written, as it will be read: lists for tuples",
             "mos_model/train.py": "a single value of the command line",
             "bench/startup.py": "what its own process printed",
             "bench/faults.py": "manifests that are damaged, and what its own process printed",
