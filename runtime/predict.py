@@ -59,9 +59,9 @@ class Output(Protocol):
         ...
 
 
-def predictions_folder(out: str | Path, recording: Recording) -> Path:
+def predictions_folder(out: str | Path, name: str) -> Path:
     """`out/sequences/NAME/predictions`, SemanticKITTI's layout."""
-    return Path(out) / "sequences" / recording.name / "predictions"
+    return Path(out) / "sequences" / name / "predictions"
 
 
 def predict(
@@ -92,7 +92,7 @@ def predict(
     OutputError where another run writes there just now, and the ScanError, PoseError, InferenceError or OutputError of
     a scan that fails, saying which; what was finished stays.
     """
-    with locked(predictions_folder(out, recording).parent, shared=piece is not None):
+    with locked(predictions_folder(out, recording.name).parent, shared=piece is not None):
         run = _Run(recording, runner, out, outputs, piece)
         run.begin(overwrite)
         total = len(recording) if isinstance(recording, Indexed) else None
@@ -137,7 +137,7 @@ class _Run:
         self, recording: Recording, runner: MosRunner, out: str | Path, outputs: Sequence[Output], piece: range | None
     ) -> None:
         self.recording, self.runner, self.outputs = recording, runner, outputs
-        self.folder = predictions_folder(out, recording)
+        self.folder = predictions_folder(out, recording.name)
         self.summary, self.next = Summary(self.folder), 0  # number of the scan that is read next
         self.note: RunNote | None = None
         self._piece = piece

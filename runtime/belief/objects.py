@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.belief.places import Places, neighbour
-from runtime.compute.hashing import hash_of
+from runtime.compute.hashing import slot_of
 from runtime.compute.jit import inlined, kernel
 
 _NONE = np.int32(-1)
@@ -63,47 +63,40 @@ def _select(values, start, stop, k):  # type: ignore[no-untyped-def]
 
 @kernel
 def _agree(place, keys, log_odds, least, doubtful, steps):  # type: ignore[no-untyped-def]
+    inside, points = np.empty(place.size, np.int32), 0  # such points
     node_of = np.full(keys.size, _NONE, np.int32)  # of a place
-    nodes = np.empty(keys.size, np.int64)  # keys of the places that have such points
-    count, points = np.int32(0), 0
+    nodes, count = np.empty(keys.size, np.int64), np.int32(0)  # keys of the places that have such points
     for i in range(place.size):
         if place[i] >= 0 and log_odds[i] >= least:
+            inside[points] = i
             points += 1
             if node_of[place[i]] == _NONE:
                 node_of[place[i]], nodes[count] = count, keys[place[i]]
                 count += np.int32(1)
     if points == 0:
         return
-    slots = np.full(1 << 4, _NONE, np.int32)
-    while slots.size < 2 * count:
-        slots = np.full(2 * slots.size, _NONE, np.int32)
-    last = np.uint64(slots.size - 1)
+    size = 1 << 4
+    while size < 2 * count:
+        size *= 2
+    slots = np.full(size, _NONE, np.int32)
     for node in range(count):
-        slot = hash_of(nodes[node]) & last
-        while slots[slot] != _NONE:
-            slot = slot + np.uint64(1) & last
-        slots[slot] = node
+        slots[slot_of(slots, nodes, nodes[node])] = node
     parent = np.arange(count, dtype=np.int32)
     for node in range(count):
         for step in range(steps.shape[0]):
-            wanted = neighbour(nodes[node], steps[step])
-            slot = hash_of(wanted) & last
-            while slots[slot] != _NONE and nodes[slots[slot]] != wanted:
-                slot = slot + np.uint64(1) & last
-            if slots[slot] != _NONE:
-                one, other = _root(parent, np.int32(node)), _root(parent, slots[slot])
+            near = slots[slot_of(slots, nodes, neighbour(nodes[node], steps[step]))]
+            if near != _NONE:
+                one, other = _root(parent, np.int32(node)), _root(parent, near)
                 parent[max(one, other)] = min(one, other)
     ends = np.zeros(count + 1, np.int64)  # of the points of each object, by its root
-    for i in range(place.size):
-        if place[i] >= 0 and log_odds[i] >= least:
-            ends[_root(parent, node_of[place[i]]) + 1] += 1
+    for i in inside[:points]:
+        ends[_root(parent, node_of[place[i]]) + 1] += 1
     ends = np.cumsum(ends)
-    starts, values, owner = ends.copy(), np.empty(points, np.float32), np.empty(points, np.int64)
-    for i in range(place.size):
-        if place[i] >= 0 and log_odds[i] >= least:
-            root = _root(parent, node_of[place[i]])
-            values[starts[root]], owner[starts[root]] = log_odds[i], i
-            starts[root] += 1
+    starts, values, owner = ends.copy(), np.empty(points, np.float32), np.empty(points, np.int32)
+    for i in inside[:points]:
+        root = _root(parent, node_of[place[i]])
+        values[starts[root]], owner[starts[root]] = log_odds[i], i
+        starts[root] += 1
     for root in range(count):
         start, stop = ends[root], ends[root + 1]
         if stop > start:

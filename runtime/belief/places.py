@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.compute.arena import Arena
-from runtime.compute.hashing import hash_of
+from runtime.compute.hashing import slot_of
 from runtime.compute.jit import inlined, kernel
 from runtime.compute.workers import Workers
 from runtime.image.entry import Entered
@@ -107,7 +107,6 @@ def _look(points, takes_part, to_voxels, probability, of_point, log_odds):  # ty
 def _gather(of_point, log_odds, slots, place, keys, evidence, seen):  # type: ignore[no-untyped-def]
     """Number the voxels, and average the log-odds of their points in scan order; returns how many there are."""
     slots[:] = _NONE
-    last = np.uint64(slots.size - 1)
     found = np.int32(0)
     before, at = _NOWHERE, _NONE
     for i in range(of_point.size):
@@ -115,9 +114,7 @@ def _gather(of_point, log_odds, slots, place, keys, evidence, seen):  # type: ig
         if key != before:  # neighbours in a scan lie in one voxel more often than not
             before, at = key, _NONE
             if key != _NOWHERE:
-                slot = hash_of(key) & last
-                while slots[slot] != _NONE and keys[slots[slot]] != key:
-                    slot = slot + np.uint64(1) & last
+                slot = slot_of(slots, keys, key)
                 if slots[slot] == _NONE:
                     slots[slot] = found
                     keys[found], evidence[found], seen[found] = key, np.float32(0), 0

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.cleaning.voxel_votes import MovingVoxels
-from runtime.compute.jit import kernel
+from runtime.compute.jit import inlined, kernel
 from runtime.recordings.poses import Pose
 
 CELL = math.radians(0.4)  # of directions, in azimuth and elevation
@@ -55,6 +55,14 @@ class Looks:
         return free
 
 
+@inlined
+def _cell(x, y, z, r, rows, columns):  # type: ignore[no-untyped-def]
+    """The row and the column of the direction of a place (x, y, z) m, r m away."""
+    row = min(int((np.arcsin(z / r) + np.pi / 2) / CELL), rows - 1)
+    column = int((np.arctan2(y, x) + np.pi) / CELL) % columns
+    return row, column
+
+
 @kernel
 def _measure(points, image):  # type: ignore[no-untyped-def]
     """The range of the nearest return in each cell of directions; infinity where there is none."""
@@ -64,8 +72,7 @@ def _measure(points, image):  # type: ignore[no-untyped-def]
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         r = np.sqrt(x * x + y * y + z * z)
         if r >= _NEAREST and r < np.inf:  # NaN is neither
-            row = min(int((np.arcsin(z / r) + np.pi / 2) / CELL), rows - 1)
-            column = int((np.arctan2(y, x) + np.pi) / CELL) % columns
+            row, column = _cell(x, y, z, r, rows, columns)
             image[row, column] = min(image[row, column], r)
 
 
@@ -82,8 +89,7 @@ def _look(places, to_lidar, image, through, ended):  # type: ignore[no-untyped-d
         r = np.sqrt(x * x + y * y + z * z)
         if r < _NEAREST:
             continue
-        row = min(int((np.arcsin(z / r) + np.pi / 2) / CELL), rows - 1)
-        column = int((np.arctan2(y, x) + np.pi) / CELL) % columns
+        row, column = _cell(x, y, z, r, rows, columns)
         nearest = np.float32(np.inf)
         for a in range(max(row - 1, 0), min(row + 2, rows)):
             for b in range(column - 1, column + 2):

@@ -27,7 +27,7 @@ from runtime.runner import MosRunner
 def begin(given: Indexed, runner: MosRunner, work: Work, voice: Voice) -> None:
     """Find the poses, the sensor and the scale of remission, and note them in `run.json`. Raises as `predict`."""
     recording, misfits = prepare(given, runner, work.options, work.folder, work.wanted, voice)
-    folder = predictions_folder(work.folder, recording)
+    folder = predictions_folder(work.folder, recording.name)
     shown_by = _shown_by(recording, runner)
     sensor = runner.sensor.name if runner.sensor else None
     settled = Settled(sensor, shown_by, recording.remission_scale(), tuple(sorted(misfits)))
@@ -38,7 +38,7 @@ def begin(given: Indexed, runner: MosRunner, work: Work, voice: Voice) -> None:
 
 def label_piece(work: Work, runner: MosRunner, task: Task, voice: Voice) -> Summary:
     """Label some scans of a recording. Raises as `predict`."""
-    settled = settled_at(_folder(work, task))
+    settled = settled_at(predictions_folder(work.folder, task.name))
     options = replace(work.options, remission_scale=work.options.remission_scale or settled.remission_scale)
     recording = _located(work, task, options)
     misfits = settled.misfits
@@ -47,7 +47,7 @@ def label_piece(work: Work, runner: MosRunner, task: Task, voice: Voice) -> Summ
 
 def end(work: Work, runner: MosRunner, task: Task, voice: Voice) -> Summary:
     """Join what is known of the pieces, and write what is made of all of them, unless one failed."""
-    folder = _folder(work, task)
+    folder = predictions_folder(work.folder, task.name)
     with locked(folder.parent):
         warn_of_broken(task.name, close_pieces(folder), voice)
     if not task.error and (work.wanted.clean or work.wanted.map or work.wanted.bag or work.wanted.cloud):
@@ -64,12 +64,8 @@ def opened(task: Task, options: Options) -> Indexed:
 
 def _located(work: Work, task: Task, options: Options) -> Indexed:
     """The recording, with the poses that `begin` found."""
-    folder = _folder(work, task).parent
+    folder = predictions_folder(work.folder, task.name).parent
     return with_poses(opened(task, options), folder=folder, deskew=options.deskew, trusted=True)
-
-
-def _folder(work: Work, task: Task) -> Path:
-    return work.folder / "sequences" / task.name / "predictions"
 
 
 def _shown_by(recording: Indexed, runner: MosRunner) -> int | None:

@@ -40,7 +40,7 @@ def prepare(
     """The recording, with poses, and the topics on which it does not fit, which is said."""
     if wanted.bag:
         given.check_takes_labels()  # before anything is labelled
-    recording = _located(given, options, predictions_folder(out, given).parent, voice)
+    recording = _located(given, options, predictions_folder(out, given.name).parent, voice)
     chosen = sensor_of(recording, runner.bundle.manifest, runner.settings.profile)
     own = in_own_frame(recording, chosen)
     return recording, _warn_of_misfits(own, chosen.entry.range_image, options.skip_broken, voice)
@@ -59,7 +59,7 @@ def label_scans(
     piece: range | None = None,
 ) -> Summary:
     """Labels, and what is written scan by scan beside them. misfits: topics on which enough is said."""
-    labels = predictions_folder(out, recording)
+    labels = predictions_folder(out, recording.name)
     outputs: list[Output] = [_clouds(labels, wanted)] if wanted.cloud else []
     outputs += [_probabilities(labels)] if wanted.bag else []
     with warnings.catch_warnings(), voice.counted(f"sequence {recording.name}", labels=True) as progress:
@@ -86,7 +86,7 @@ def warn_of_broken(name: str, broken: dict[str, str], voice: Voice) -> None:
 
 def write_beside(recording: Indexed, runner: MosRunner, out: Path, wanted: Wanted, voice: Voice) -> None:
     """What is made of all labels of a recording."""
-    labels = predictions_folder(out, recording)
+    labels = predictions_folder(out, recording.name)
     if wanted.cloud:
         voice.show(f"clouds: {labels.with_name('clouds')}")
     if wanted.bag:

@@ -6,6 +6,7 @@ Keys and addresses of servers are where S3's own tools look for them; nothing of
 import logging
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from glob import has_magic
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
@@ -92,7 +93,7 @@ class Store:
     def delete(self, folder: PurePosixPath, names: Iterable[str]) -> None:
         """Objects, which may be gone. Raises OutputError."""
         for name in names:
-            self._write(folder, lambda key=str(folder / name): self._files.rm_file(key))  # type: ignore[misc]
+            self._write(folder, partial(self._files.rm_file, str(folder / name)))
 
     def exists(self, key: PurePosixPath) -> bool:
         return bool(self._read(f"{SCHEME}{key}", lambda: self._files.exists(str(key))))

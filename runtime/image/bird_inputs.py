@@ -18,7 +18,7 @@ from runtime.compute.jit import fast_kernel, inlined
 from runtime.compute.workers import Workers
 from runtime.image.entry import Entered
 from runtime.image.history import Past
-from runtime.image.inputs import ImageInput, Inputs, Projected
+from runtime.image.inputs import ImageInput, Inputs, Projected, normalised_remission
 from runtime.image.projection import nearest_range, pixel_scale
 from runtime.sensors.range_image import RangeImage
 
@@ -102,13 +102,13 @@ def _finish(nearest, half_height, density, channels):  # type: ignore[no-untyped
 
 @fast_kernel
 def _remission_of_highest(points, first, mean, std, nearest, channel):  # type: ignore[no-untyped-def]
-    """The remission of the highest points, which counts as 0..1 at most; in `nearest` infinity becomes 0."""
+    """The normalised remission of the highest points; in `nearest` infinity becomes 0."""
     for cell in range(first.shape[0]):
         i = first[cell]
         if i < 0:
             nearest[cell] = channel[cell] = np.float32(0)
         else:
-            channel[cell] = (min(max(points[i, 3], np.float32(0)), np.float32(1)) - mean) / std
+            channel[cell] = normalised_remission(points[i, 3], mean, std)
 
 
 class BirdInputBuilder(Inputs):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from runtime.bundle.residual import Residual
-from runtime.compute.jit import fast_kernel
+from runtime.compute.jit import fast_kernel, inlined
 from runtime.compute.workers import Workers
 from runtime.image.entry import Entered, Entry
 from runtime.image.history import History, Past
@@ -101,12 +101,15 @@ class Inputs(ABC):
         return [past[lag - 1] if lag <= len(past) else None for lag in self._lags]
 
 
+@inlined
+def normalised_remission(remission, mean, std):  # type: ignore[no-untyped-def]
+    """It counts as 0..1 at most: by the mean of a channel a single wild one would change labels everywhere."""
+    return (min(max(remission, np.float32(0)), np.float32(1)) - mean) / std
+
+
 @fast_kernel
 def _fill_channels(points, first, nearest, mean, std, channels):  # type: ignore[no-untyped-def]
-    """Write the five normalised channels (5, H * W); replace infinity in `nearest` by 0.
-
-    Remission counts as 0..1 at most: by the mean of a channel a single wild one would change labels everywhere.
-    """
+    """Write the five normalised channels (5, H * W); replace infinity in `nearest` by 0."""
     for cell in range(first.shape[0]):
         i = first[cell]
         if i < 0:
@@ -117,8 +120,7 @@ def _fill_channels(points, first, nearest, mean, std, channels):  # type: ignore
             channels[0, cell] = (nearest[cell] - mean[0]) / std[0]
             for c in range(3):
                 channels[c + 1, cell] = (points[i, c] - mean[c + 1]) / std[c + 1]
-            remission = min(max(points[i, 3], np.float32(0)), np.float32(1))
-            channels[4, cell] = (remission - mean[4]) / std[4]
+            channels[4, cell] = normalised_remission(points[i, 3], mean[4], std[4])
 
 
 @fast_kernel

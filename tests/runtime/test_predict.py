@@ -91,7 +91,7 @@ def label(runner, scan):
 
 
 def label_file(out, recording, index):
-    return predictions_folder(out, recording) / f"{recording.keys[index]}.label"
+    return predictions_folder(out, recording.name) / f"{recording.keys[index]}.label"
 
 
 def stop_after(scans):
