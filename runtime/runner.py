@@ -75,8 +75,7 @@ class MosRunner:
             log.warning("compiling kernels, once on this machine (20 to 60 s)")
         self._chooser = Chooser(manifest, given.profile)
         self._stages, self._doctor = self._lay_out(self._chooser.default)
-        self._believer = choose_believer(given, self.postprocess, manifest, self.workers)
-        self._believer.decide_by(self._stages.choice.entry.decision)
+        self._believer = choose_believer(given, self.postprocess, manifest, self._stages.choice.entry, self.workers)
         self._delay = Delay(given.delay, self._believer.judge, MosResult.with_labels)
         self._intake = Intake(given.odometry, given.deskew)
         self._scans, self._begun = 0, object()  # since `reset()`, and another with each
@@ -199,12 +198,13 @@ class MosRunner:
         watch.lap("input")
         # Infer and refine: from pixels to points
         labels = self._label(entered, image, watch)
-        # Believe: what the last scans found at these places
-        labels, places = self._believer.believe(entered, pose, labels, follows=bool(past))
+        # Believe: what other scans found and saw at these places
+        seen = partial(self._stages.inputs.range_image, entered)
+        labels, places = self._believer.believe(entered, pose, labels, seen, follows=bool(past))
         watch.lap("belief")
         # Remember
         shown = taken.data if self._stages.choice.mounting is None else entered.points
-        look = self._doctor.look(shown, partial(self._stages.inputs.range_image, entered), past)
+        look = self._doctor.look(shown, seen, past)
         begun = self._begun
         self._warn(look, jump)  # where warnings are errors, all stays as it was
 
@@ -239,7 +239,7 @@ class MosRunner:
 
     def _change(self, stages: Stages, doctor: Watch) -> None:
         self._history.clear()  # of scans that showed nothing
-        self._believer.decide_by(stages.choice.entry.decision)
+        self._believer.serve(stages.choice.entry)
         self._stages, self._doctor = stages, doctor
 
     def _lay_out(self, choice: Choice) -> tuple[Stages, Watch]:

@@ -1,6 +1,7 @@
 """From which probability on a point counts as moving where what past scans found at its place counts too."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ from mos_model.simulator import simulate
 from mos_model.tuning.histogram import Histogram
 from mos_model.tuning.thresholds import LIGHT_TRAFFIC, probabilities, samples_of
 from runtime.belief.believers import Delayed, Online
-from runtime.bundle.manifest import Tuned
+from runtime.bundle.manifest import SensorEntry, Tuned
 from runtime.classes import to_classes
 from runtime.compute.workers import Workers
 from runtime.head.refiners import PointLabels
@@ -68,17 +69,19 @@ def count_drive(
     inputs = make_inputs(samples.view, workers, find_sensor(sensor).reach)
     history = History(tuned)
     assert tuned.belief is not None
-    now, later = Online(tuned.belief, workers), Delayed(tuned.belief, DELAY, workers)
+    entry = SensorEntry(sensor, samples.view.range_image)
+    now, later = Online(tuned.belief, entry, workers), Delayed(tuned.belief, entry, workers, DELAY)
     waiting = []
     for scan in simulate(seed, SCANS, sensor=sensor, **settings):
         entered, pose = inputs.enter(scan.points), check_pose(scan.pose, "pose")
         past = history.past(pose)
         labels = _labels(found, entered, inputs.build(entered, past), tuned.candidate)
         classes = to_classes(scan.labels)
-        believed = now.believe(entered, pose, labels, follows=bool(past))
+        seen = partial(inputs.range_image, entered)
+        believed = now.believe(entered, pose, labels, seen, follows=bool(past))
         online.add(believed.labels.probability, classes)
         now.add(believed.places)
-        places = later.believe(entered, pose, labels, follows=bool(past)).places
+        places = later.believe(entered, pose, labels, seen, follows=bool(past)).places
         assert places is not None
         later.add(places)
         waiting.append((places.copy(), classes))

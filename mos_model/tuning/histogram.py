@@ -26,13 +26,13 @@ class Histogram:
         self.counts += other.counts
         return self
 
-    def best_threshold(self) -> tuple[float, float]:
-        """The threshold of highest IoU of the moving class, and that IoU.
+    def best_threshold(self, slack: float = 0.0) -> tuple[float, float]:
+        """The lowest threshold whose IoU of the moving class is the highest, less at most `slack`; and its IoU.
 
         False alarms count where they are raised, on scans without a mover too.
         """
         false = self.counts[0][::-1].cumsum()[::-1]  # static ones at or above the lower edge of each bin
         hit = self.counts[1][::-1].cumsum()[::-1]
         iou = hit / np.maximum(1, self.counts[1].sum() + false)
-        best = int(iou.argmax())
+        best = int((iou >= iou.max() - slack).argmax())
         return best / BINS, float(iou[best])

@@ -1,15 +1,18 @@
-"""From the labels of one scan to those of one scan among others: what was found at a place counts there again, and what
-touches agrees."""
+"""From the labels of one scan to those of one scan among others: what was found at a place counts there again, what
+others see through was not there, and what touches agrees."""
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from runtime.belief.free_space import FreeSpace
 from runtime.belief.memory import Memory
 from runtime.belief.objects import agree
 from runtime.belief.places import Places, Surveyor
-from runtime.bundle.manifest import BeliefNumbers, Decision, Manifest
+from runtime.bundle.manifest import BeliefNumbers, Manifest, SensorEntry
 from runtime.compute.jit import kernel
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
@@ -19,6 +22,9 @@ from runtime.recordings.poses import Pose
 from runtime.settings import RunnerSettings
 
 _GRAIN = 16_384  # points per task
+
+
+Seen = Callable[[], NDArray[np.float32]]  # the range image of a scan
 
 
 class Believed(NamedTuple):
@@ -31,13 +37,16 @@ class Believed(NamedTuple):
 class Believer(Protocol):
     """The step after the labels of a scan."""
 
-    horizon: int  # past scans whose labels count; older ones are forgotten exactly
+    horizon: int  # past scans that count; older ones are forgotten exactly
 
-    def decide_by(self, decision: Decision) -> None:
-        """From now on, by the thresholds of this sensor."""
+    def serve(self, entry: SensorEntry) -> None:
+        """From now on scans of this sensor, by its thresholds."""
 
-    def believe(self, scan: Entered, pose: Pose, labels: PointLabels, follows: bool) -> Believed:
-        """Labels of the points of a scan, T_world_lidar = `pose`; follows: the scan before, and not after a jump."""
+    def believe(self, scan: Entered, pose: Pose, labels: PointLabels, seen: Seen, follows: bool) -> Believed:
+        """Labels of the points of a scan, T_world_lidar = `pose`; follows: the scan before, and not after a jump.
+
+        seen: the scan's range image (H, W) m, for the asking; may be a buffer that lasts until it is added.
+        """
 
     def add(self, places: Places | None) -> None:
         """Remember what was found at the places of the last scan."""
@@ -54,10 +63,10 @@ class Unbelieving:
 
     horizon = 0
 
-    def decide_by(self, decision: Decision) -> None:
+    def serve(self, entry: SensorEntry) -> None:
         """See `Believer`."""
 
-    def believe(self, scan: Entered, pose: Pose, labels: PointLabels, follows: bool) -> Believed:
+    def believe(self, scan: Entered, pose: Pose, labels: PointLabels, seen: Seen, follows: bool) -> Believed:
         """See `Believer`."""
         return Believed(labels, None)
 
@@ -73,31 +82,41 @@ class Unbelieving:
 
 
 class Online:
-    """Adds to the log-odds of a point what the last scans found at its place, and lets objects agree.
+    """Adds to the log-odds of a point what the last scans found and saw at its place, and lets objects agree.
 
     A first scan keeps its labels.
     """
 
-    def __init__(self, numbers: BeliefNumbers, workers: Workers, later: int = 0) -> None:
-        """later: scans that are remembered beside those of the horizon."""
-        self.horizon, self._numbers, self._workers = numbers.horizon + later, numbers, workers
-        self.decide_by(Decision())
+    def __init__(self, numbers: BeliefNumbers, entry: SensorEntry, workers: Workers, later: int = 0) -> None:
+        """entry: the sensor to begin with; later: scans that are remembered beside those that count."""
+        self.horizon = max(numbers.horizon, numbers.look_back) + later
+        self._numbers, self._workers = numbers, workers
         self._surveyor = Surveyor(numbers.voxel_size, workers)
-        self._memory = Memory(self.horizon, workers)
+        self._memory = Memory(numbers.horizon + later, workers)
+        self._free_space = FreeSpace(numbers, entry.range_image, workers, later)
+        self.serve(entry)
 
     @property
     def nbytes(self) -> int:
         """Bytes held."""
-        return self._surveyor.nbytes + self._memory.nbytes
+        return self._surveyor.nbytes + self._memory.nbytes + self._free_space.nbytes
 
-    def decide_by(self, decision: Decision) -> None:
+    def serve(self, entry: SensorEntry) -> None:
         """See `Believer`."""
-        self._threshold = _as_number(decision.belief_threshold)
+        self._threshold = _as_number(self._threshold_of(entry))
+        self._free_space.lay_out(entry.range_image)
 
-    def believe(self, scan: Entered, pose: Pose, labels: PointLabels, follows: bool) -> Believed:
+    def _threshold_of(self, entry: SensorEntry) -> float | None:
+        return entry.decision.belief_threshold
+
+    def believe(self, scan: Entered, pose: Pose, labels: PointLabels, seen: Seen, follows: bool) -> Believed:
         """See `Believer`."""
-        places = self._surveyor.survey(scan, pose, labels.probability)
+        places = self._survey(scan, pose, labels, seen)
         return Believed(self.judge(places) if follows else labels, places)
+
+    def _survey(self, scan: Entered, pose: Pose, labels: PointLabels, seen: Seen) -> Places:
+        sight = self._free_space.sight(scan.points, pose, seen())
+        return self._surveyor.survey(sight, scan.takes_part, labels.probability)
 
     def judge(self, places: Places) -> PointLabels:
         """See `Believer`."""
@@ -106,7 +125,10 @@ class Online:
         count = len(places.place)
         log_odds = np.empty(count, np.float32)
         self._in_ranges(lambda part: _weigh(places.log_odds[part], places.place[part], belief, log_odds[part]), count)
-        agree(places, log_odds, self._numbers.object_probability, self._numbers.doubtful)
+        if self._numbers.object_probability < 1:
+            least, doubtful = _logit(self._numbers.object_probability), _logit(self._numbers.doubtful)
+            self._free_space.weigh(places.sight, log_odds, least)
+            agree(places, log_odds, least, doubtful)
         believed = PointLabels(np.empty(count, np.bool_), np.empty(count, np.float32))
         self._in_ranges(
             lambda part: _decide(
@@ -123,29 +145,32 @@ class Online:
         """See `Believer`."""
         if places is not None:
             self._memory.add(places.keys, places.evidence)
+            self._free_space.add(places.sight)
 
     def clear(self) -> None:
         """See `Believer`."""
         self._memory.clear()
+        self._free_space.clear()
 
 
 class Delayed(Online):
     """Leaves labels as they are until `judge` is asked, when `delay` later scans are known too."""
 
-    def __init__(self, numbers: BeliefNumbers, delay: int, workers: Workers) -> None:
-        super().__init__(numbers, workers, later=delay)
+    def __init__(self, numbers: BeliefNumbers, entry: SensorEntry, workers: Workers, delay: int) -> None:
+        super().__init__(numbers, entry, workers, later=delay)
 
-    def decide_by(self, decision: Decision) -> None:
+    def _threshold_of(self, entry: SensorEntry) -> float | None:
+        return entry.decision.delayed_threshold
+
+    def believe(self, scan: Entered, pose: Pose, labels: PointLabels, seen: Seen, follows: bool) -> Believed:
         """See `Believer`."""
-        self._threshold = _as_number(decision.delayed_threshold)
-
-    def believe(self, scan: Entered, pose: Pose, labels: PointLabels, follows: bool) -> Believed:
-        """See `Believer`."""
-        return Believed(labels, self._surveyor.survey(scan, pose, labels.probability))
+        return Believed(labels, self._survey(scan, pose, labels, seen))
 
 
-def choose_believer(settings: RunnerSettings, postprocess: str, manifest: Manifest, workers: Workers) -> Believer:
-    """What the settings `belief` and `delay` ask for.
+def choose_believer(
+    settings: RunnerSettings, postprocess: str, manifest: Manifest, entry: SensorEntry, workers: Workers
+) -> Believer:
+    """What the settings `belief` and `delay` ask for; entry: the sensor to begin with.
 
     Raises SettingError with the post-processing "knn", whose votes are no probabilities.
     """
@@ -156,12 +181,18 @@ def choose_believer(settings: RunnerSettings, postprocess: str, manifest: Manife
     if postprocess == "knn":
         raise SettingError("belief adds up probabilities, and knn has votes: choose postprocess head or none")
     numbers = numbers or BeliefNumbers()
-    return Delayed(numbers, settings.delay, workers) if settings.delay else Online(numbers, workers)
+    if settings.delay:
+        return Delayed(numbers, entry, workers, settings.delay)
+    return Online(numbers, entry, workers)
 
 
 def _as_number(threshold: float | None) -> np.float32:
     """Without a threshold, the most likely class."""
     return np.float32(0.5 if threshold is None else threshold)
+
+
+def _logit(probability: float) -> float:
+    return math.log(probability / (1 - probability))
 
 
 @kernel

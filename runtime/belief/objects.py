@@ -19,15 +19,10 @@ _STEPS = np.array([s for s in np.ndindex(3, 3, 3) if s > (1, 1, 1)], np.int64) -
 def agree(places: Places, log_odds: NDArray[np.float32], least: float, doubtful: float) -> None:
     """Give the points of every object the median of its log-odds, in place; of an even number the upper one.
 
-    log_odds: (N,) f32, that a point moves; least: probability, above 0, from which on a point belongs to an object;
-    doubtful: that from which on it is raised to the median, too. What is surely standing is the ground at its wheels.
+    log_odds: (N,) f32, that a point moves; least: log-odds from which on a point belongs to an object; doubtful: those
+    from which on it is raised to the median, too. What is surely standing is the ground at its wheels.
     """
-    if least < 1:
-        _agree(places.place, places.keys, log_odds, np.float32(_logit(least)), np.float32(_logit(doubtful)), _STEPS)
-
-
-def _logit(probability: float) -> float:
-    return float(np.log(probability / (1 - probability)))
+    _agree(places.place, places.keys, log_odds, np.float32(least), np.float32(doubtful), _STEPS)
 
 
 @inlined

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.belief.free_space import Sight
 from runtime.compute.arena import Arena
 from runtime.compute.hashing import slot_of
 from runtime.compute.jit import inlined, kernel
 from runtime.compute.workers import Workers
-from runtime.image.entry import Entered
-from runtime.recordings.poses import Pose
 
 MOST = np.float32(9.21)  # log-odds of a probability of 0.9999: a network is never surer than that
 _BITS = 21  # of a voxel's number on each axis; numbers repeat after 2^21 voxels, which no sensor sees across
@@ -27,10 +26,17 @@ class Places:
     evidence: NDArray[np.float32]  # (V,) mean log-odds of its points that they move
     place: NDArray[np.int32]  # (N,) the voxel of each point; -1: takes no part
     log_odds: NDArray[np.float32]  # (N,) of each point
+    sight: Sight  # the scan
 
     def copy(self) -> "Places":
         """In arrays of its own."""
-        return Places(self.keys.copy(), self.evidence.copy(), self.place.copy(), self.log_odds.copy())
+        keys, evidence, place, log_odds = (
+            self.keys.copy(),
+            self.evidence.copy(),
+            self.place.copy(),
+            self.log_odds.copy(),
+        )
+        return Places(keys, evidence, place, log_odds, self.sight.copy())
 
 
 class Surveyor:
@@ -45,20 +51,20 @@ class Surveyor:
         """Bytes held."""
         return self._arena.nbytes
 
-    def survey(self, scan: Entered, pose: Pose, probability: NDArray[np.float32]) -> Places:
-        """Places of a scan with T_world_lidar = `pose` and the probability (N,) that each point moves.
+    def survey(self, sight: Sight, takes_part: NDArray[np.bool_], probability: NDArray[np.float32]) -> Places:
+        """Places of a scan, by which of its points take part (N,), and the probability (N,) that each of them moves.
 
         Voxels are those of the world's grid, counted in float64: a scan's places depend on nothing but itself.
         """
         self._arena.next_scan()
-        count, take = len(scan), self._arena.take
-        to_voxels = np.ascontiguousarray(pose[:3] / self._size)
+        count, take = len(sight.points), self._arena.take
+        to_voxels = np.ascontiguousarray(sight.pose[:3] / self._size)
         of_point = take("of_point", (count,), np.int64)
         log_odds = take("log_odds", (count,))
         self._workers.ranges(
             lambda start, stop: _look(
-                scan.points[start:stop],
-                scan.takes_part[start:stop],
+                sight.points[start:stop],
+                takes_part[start:stop],
                 to_voxels,
                 probability[start:stop],
                 of_point[start:stop],
@@ -72,7 +78,7 @@ class Surveyor:
         seen = take("seen", (count,), np.int32)
         slots = take("slots", (1 << max(4, (2 * count - 1).bit_length()),), np.int32)
         found = _gather(of_point, log_odds, slots, place, keys, evidence, seen)
-        return Places(keys[:found], evidence[:found], place, log_odds)
+        return Places(keys[:found], evidence[:found], place, log_odds, sight)
 
 
 @inlined

@@ -78,6 +78,10 @@ class BeliefNumbers:
     floor: float = -6.0  # of that product: what stood for long may start to move
     object_probability: float = 0.05  # from which on points in touching places are one object; 1: none are
     doubtful: float = 0.25  # probability from which on points are raised to what their object is believed to be
+    look_back: int = 29  # scans back, in the oldest of which the places of points that may move are looked at; 0: none
+    through: float = 0.6  # log-odds of a look at a place that went on to something behind
+    ended: float = -0.4  # of one that ended there
+    unseen: float = -0.1  # of one that saw neither
 
     def __post_init__(self) -> None:
         if not 0.01 <= self.voxel_size <= 10:
@@ -90,6 +94,10 @@ class BeliefNumbers:
             raise SettingError(f"points of objects have a probability above 0 to 1, not {self.object_probability!r}")
         if not 0 < self.doubtful < 1:
             raise SettingError(f"points that are doubtful have a probability between 0 and 1, not {self.doubtful!r}")
+        if not 0 <= self.look_back <= 64:
+            raise SettingError(f"belief looks back 0 to 64 scans, not {self.look_back!r}")
+        if not all(-10 <= one <= 10 for one in (self.through, self.ended, self.unseen)):
+            raise SettingError("what a look says (`through`, `ended`, `unseen`) is -10 to 10 of log-odds")
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,9 @@ def test_best_threshold_is_that_of_a_search():
     threshold, best = histogram.best_threshold()
     assert best == max(iou(i / BINS) for i in range(BINS)) == iou(threshold)
     assert 0.3 < threshold < 0.7
+    low, less = histogram.best_threshold(slack=0.01)
+    assert low == min(i / BINS for i in range(BINS) if iou(i / BINS) >= best - 0.01) < threshold
+    assert best - 0.01 <= less == iou(low) < best
 
 
 def test_scans_without_a_mover_count_too():

@@ -214,7 +214,7 @@ def test_poses_under_which_the_surroundings_move_are_doubted_once(runner, readin
 def test_every_kernel_is_compiled_at_the_start():
     code = f"""
 from runtime import MosRunner
-from runtime.belief import believers, memory, places
+from runtime.belief import believers, free_space, memory, objects, places
 from runtime.image import decision
 from runtime.image import history
 from runtime.head.sparse import kernel_map
@@ -225,7 +225,8 @@ from runtime.head import transfer
 from runtime.head import voxels
 import numpy as np
 runner = MosRunner({str(BUNDLE)!r}, postprocess="head", threads=1, belief="online")
-modules = believers, memory, places, decision, history, kernel_map, projection, sparse_kernel, transfer, voxels
+modules = believers, free_space, memory, objects, places, decision, history, kernel_map, projection
+modules += sparse_kernel, transfer, voxels
 kernels = [k for m in modules for k in vars(m).values() if hasattr(k, "signatures") and k.__module__ == m.__name__]
 before = [len(kernel.signatures) for kernel in kernels]
 runner._stages.refiner.head.config  # there is one

@@ -37,7 +37,7 @@ def bundle(scans, tmp_path_factory):
     with MosRunner(folder, threads=1, postprocess="none") as plain:
         middle = float(np.median(np.concatenate([plain(*scan).probability for scan in scans])))
     manifest = json.loads((folder / "manifest.json").read_text())
-    manifest["tuned"]["belief"] = {"horizon": HORIZON, "voxel_size": 0.5, "weight": 0.5}
+    manifest["tuned"]["belief"] = {"horizon": HORIZON, "voxel_size": 0.5, "weight": 0.5, "look_back": 0}
     for sensor in manifest["sensors"]:
         sensor["decision"] |= {"belief_threshold": middle, "delayed_threshold": middle}
     (folder / "manifest.json").write_text(json.dumps(manifest))

@@ -7,7 +7,7 @@ import pytest
 
 from runtime.belief.believers import Online, choose_believer
 from runtime.bundle.loading import load_bundle
-from runtime.bundle.manifest import BeliefNumbers, Decision
+from runtime.bundle.manifest import BeliefNumbers, Decision, SensorEntry
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
 from runtime.head.refiners import PointLabels
@@ -15,10 +15,12 @@ from runtime.image.entry import Entry
 from runtime.settings import RunnerSettings
 from tests.support import reference_belief as reference
 from tests.support.paths import BUNDLE
+from tests.support.sights import RANGE_IMAGE, unseen
 
-ALONE = BeliefNumbers(voxel_size=0.5, horizon=3, weight=0.4, floor=-2.0, object_probability=1.0)
+ALONE = BeliefNumbers(voxel_size=0.5, horizon=3, weight=0.4, floor=-2.0, object_probability=1.0, look_back=0)
 TOGETHER = replace(ALONE, object_probability=0.5, doubtful=0.7)
 THRESHOLD = 0.4
+ENTRY = SensorEntry("tiny", RANGE_IMAGE, decision=Decision(belief_threshold=THRESHOLD))
 
 
 def drive(count, points=1200, seed=0):
@@ -43,11 +45,10 @@ def labels(probability):
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("numbers", [ALONE, TOGETHER])
 def test_like_the_reference(numbers, threads):
-    believer, past = Online(numbers, Workers(threads)), []
-    believer.decide_by(Decision(belief_threshold=THRESHOLD))
+    believer, past = Online(numbers, ENTRY, Workers(threads)), []
     lifted = lowered = 0
     for scan, pose, probability in drive(7):
-        got = believer.believe(scan, pose, labels(probability), follows=bool(past))
+        got = believer.believe(scan, pose, labels(probability), unseen, follows=bool(past))
         believer.add(got.places)
         cells, evidence = reference.places(scan.points, scan.takes_part, pose, probability, numbers.voxel_size)
         known = reference.recalled(past, numbers.horizon)
@@ -73,28 +74,28 @@ def test_like_the_reference(numbers, threads):
 
 
 def test_a_scan_that_follows_none_keeps_its_labels():
-    believer = Online(TOGETHER, Workers(1))
+    believer = Online(TOGETHER, ENTRY, Workers(1))
     first, second = drive(2)
-    believer.add(believer.believe(*first[:2], labels(first[2]), follows=False).places)
+    believer.add(believer.believe(*first[:2], labels(first[2]), unseen, follows=False).places)
     given = labels(second[2])
-    assert believer.believe(*second[:2], given, follows=False).labels is given
+    assert believer.believe(*second[:2], given, unseen, follows=False).labels is given
 
 
 def test_to_believe_changes_nothing_until_it_is_added():
-    believer = Online(TOGETHER, Workers(1))
+    believer = Online(TOGETHER, ENTRY, Workers(1))
     first, *others = drive(4)
-    believer.add(believer.believe(*first[:2], labels(first[2]), follows=False).places)
-    want = believer.believe(*others[2][:2], labels(others[2][2]), follows=True).labels
+    believer.add(believer.believe(*first[:2], labels(first[2]), unseen, follows=False).places)
+    want = believer.believe(*others[2][:2], labels(others[2][2]), unseen, follows=True).labels
     for scan, pose, probability in others:
-        got = believer.believe(scan, pose, labels(probability), follows=True).labels
+        got = believer.believe(scan, pose, labels(probability), unseen, follows=True).labels
     np.testing.assert_array_equal(got.probability, want.probability)
 
 
 def test_given_labels_are_not_written_to():
-    believer = Online(TOGETHER, Workers(1))
+    believer = Online(TOGETHER, ENTRY, Workers(1))
     for scan, pose, probability in drive(2):
         given = labels(probability)
-        believer.add(believer.believe(scan, pose, given, follows=True).places)
+        believer.add(believer.believe(scan, pose, given, unseen, follows=True).places)
         np.testing.assert_array_equal(given.probability, probability)
         np.testing.assert_array_equal(given.moving, probability > 0.5)
 
@@ -102,8 +103,8 @@ def test_given_labels_are_not_written_to():
 def test_votes_are_not_believed():
     manifest = load_bundle(BUNDLE).manifest
     with pytest.raises(SettingError, match="knn has votes"):
-        choose_believer(RunnerSettings(belief="online"), "knn", manifest, Workers(1))
-    assert choose_believer(RunnerSettings(), "knn", manifest, Workers(1)).horizon == 0
+        choose_believer(RunnerSettings(belief="online"), "knn", manifest, manifest.sensor, Workers(1))
+    assert choose_believer(RunnerSettings(), "knn", manifest, manifest.sensor, Workers(1)).horizon == 0
 
 
 @pytest.mark.parametrize(
@@ -120,6 +121,11 @@ def test_votes_are_not_believed():
         {"object_probability": float("nan")},
         {"doubtful": 0.0},
         {"doubtful": 1.0},
+        {"look_back": -1},
+        {"look_back": 65},
+        {"through": float("nan")},
+        {"ended": -11.0},
+        {"unseen": 11.0},
     ],
 )
 def test_numbers_that_cannot_be(wrong):

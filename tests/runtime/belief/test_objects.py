@@ -8,15 +8,18 @@ from runtime.belief.places import Surveyor
 from runtime.compute.workers import Workers
 from runtime.image.entry import Entry
 from tests.support import reference_belief as reference
+from tests.support.sights import sight_of
 
 SIZE = 0.5
-LEAST, DOUBTFUL = 0.1, 0.3
+LEAST, DOUBTFUL = reference.log_odds(0.1), reference.log_odds(0.3)
 NOTHING = np.eye(4)
 
 
 def places_of(xyz, pose=NOTHING):
     scan = Entry(0.1, 300.0, Workers(1)).enter(np.asarray(xyz, np.float64))
-    return Surveyor(SIZE, Workers(1)).survey(scan, pose, np.full(len(scan), 0.5, np.float32)), scan
+    return Surveyor(SIZE, Workers(1)).survey(
+        sight_of(scan, pose), scan.takes_part, np.full(len(scan), 0.5, np.float32)
+    ), scan
 
 
 def cells_of(scan, pose=NOTHING):
@@ -35,8 +38,7 @@ def test_like_the_reference(seed):
     log_odds = rng.normal(-2, 3, len(xyz)).astype(np.float32)
     (places, scan), got = places_of(xyz, pose), log_odds.copy()
     agree(places, got, LEAST, DOUBTFUL)
-    limits = reference.log_odds(LEAST), reference.log_odds(DOUBTFUL)
-    want = reference.agreed(cells_of(scan, pose), log_odds.tolist(), *limits)
+    want = reference.agreed(cells_of(scan, pose), log_odds.tolist(), LEAST, DOUBTFUL)
     np.testing.assert_array_equal(got, np.float32(want))
     assert 10 < (got != log_odds).sum() < 400
 

@@ -7,6 +7,7 @@ from runtime.belief.places import Surveyor
 from runtime.compute.workers import Workers
 from runtime.image.entry import Entry
 from tests.support import reference_belief as reference
+from tests.support.sights import sight_of
 
 SIZE = 0.25
 
@@ -26,7 +27,7 @@ def check(points, pose=None, probability=None, threads=2, surveyor=None):
         probability = np.random.default_rng(len(points)).uniform(0, 1, len(points)).astype(np.float32)
     workers = Workers(threads)
     scan = Entry(0.2, 300.0, workers).enter(points)
-    got = (surveyor or Surveyor(SIZE, workers)).survey(scan, pose, probability)
+    got = (surveyor or Surveyor(SIZE, workers)).survey(sight_of(scan, pose), scan.takes_part, probability)
     cells, evidence = reference.places(points, scan.takes_part, pose, probability, SIZE)
     assert len(got.keys) == len(evidence)
     assert len(set(got.keys.tolist())) == len(evidence)
