@@ -24,7 +24,7 @@ from runtime.sensors.range_image import RangeImage
 STRIDE = 4  # scans between those that are looked at
 LATER = 8  # scans after that of a point: the last that is looked at, where a delay allows
 ASIDE, PER_METRE = np.float32(0.3), np.float32(0.01)  # m, and of the range: returns as near in range are from there
-ACROSS = 2  # columns to each side of a place whose returns count, and one row
+ACROSS = 2  # columns to each side of a place whose returns count; rows may be degrees apart, so only its own does
 _THROUGH, _ENDED, _UNSEEN = 0, 1, 2
 _GRAIN = 4 * BLOCK  # points per task
 
@@ -116,7 +116,7 @@ class FreeSpace:
 
 @inlined
 def _state(image, pixel, distance):  # type: ignore[no-untyped-def]
-    """What a range image (H, W) says of a place: by the nearest return in its pixel and those around it.
+    """What a range image (H, W) says of a place: by the nearest return in its pixel and those beside it.
 
     At the edge of the view, where all that lies beyond it is projected to, it says nothing.
     """
@@ -125,11 +125,10 @@ def _state(image, pixel, distance):  # type: ignore[no-untyped-def]
     if pixel < 0 or row == 0 or row == height - 1:
         return _UNSEEN
     nearest = np.float32(np.inf)
-    for v in range(row - 1, row + 2):
-        for u in range(pixel % width - ACROSS, pixel % width + ACROSS + 1):
-            r = image[v, u % width]
-            if r > 0:
-                nearest = min(nearest, r)
+    for u in range(pixel % width - ACROSS, pixel % width + ACROSS + 1):
+        r = image[row, u % width]
+        if r > 0:
+            nearest = min(nearest, r)
     near = ASIDE + PER_METRE * distance
     if nearest == np.float32(np.inf) or nearest < distance - near:
         return _UNSEEN

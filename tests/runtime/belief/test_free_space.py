@@ -38,7 +38,7 @@ def state(image, point, sensor):
     if v in (0, sensor.height - 1):
         return NUMBERS.unseen
     columns = [(u + step) % sensor.width for step in range(-ACROSS, ACROSS + 1)]
-    ranges = [image[row, column] for row in (v - 1, v, v + 1) for column in columns if image[row, column] > 0]
+    ranges = [image[v, column] for column in columns if image[v, column] > 0]
     ahead = min(ranges, default=0) - r
     near = float(ASIDE) + float(PER_METRE) * r
     if abs(abs(ahead) - near) < 1e-4:
