@@ -1,210 +1,162 @@
-"""Damaged files of every kind, by seeded mutation of whole ones: `python -m bench.faults`.
+"""Damaged files of every kind, by seeded mutation of whole ones: `python -m bench.faults --inputs 100000`.
 
-Each kind has a process of its own, so that a crash is seen. What is read must be read, or refused with a `MosError`.
+What is read must be read, or refused with a `MosError`, in time and in memory, and leave everything as it was. Each
+kind has a process of its own, so that a crash or a hang is seen; the next one goes on behind it.
 """
 
 import json
-import shutil
+import resource
+import signal
 import subprocess
 import sys
-import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from bench.report import show
+from bench.damaged import ROOT, SHIPPED, Kind, checkpoint, labels, of_bundle, poses, scan, sensor
+from bench.damaged_runs import bag, packets, recording, run, runner
+from bench.mutations import mixed, of_bytes, of_checkpoint, of_head, of_json, of_npz, of_onnx, of_words
+from bench.report import save, show
 from runtime.commands.handler import run_alone
 
-ROOT = Path(__file__).resolve().parents[1]
-BUNDLE = ROOT / "tests" / "data" / "tiny" / "bundle"
-SEQUENCE = ROOT / "tests" / "data" / "tiny" / "scans" / "sequences" / "00"
-ODD = (
-    "1e400",
-    "-1",
-    "0",
-    "null",
-    "NaN",
-    "[[[[]]]]",
-    '"\\ud800"',
-    "1e-300",
-    "9" * 400,
-    "true",
-    "{}",
-    "3.5",
-    "nan",
-    "\x1b[2J",
-)
-LONGEST = 600  # s that a process may take without an answer: it hangs
+LONGEST, WAITING = 60, 600  # s of the processor, or of the clock, that an input may take: it hangs
+LARGEST = 1000  # MB more than all inputs before it
+MOST = 20  # crashes of a kind, after which it is not gone on with
+TEXT = mixed(of_bytes, of_words)
 
-Reader = Callable[[Path], object]
-
-
-def mutated(data: bytes, rng: np.random.Generator) -> bytes:
-    """The same with up to four changes: bits, spans that are gone, doubled or random, an odd word, an early end."""
-    changed = bytearray(data)
-    for _ in range(rng.integers(1, 5)):
-        at = int(rng.integers(len(changed) + 1))
-        span = int(min(rng.integers(1, 64), len(changed) - at))
-        kind = rng.integers(6)
-        if kind == 0 and span:
-            changed[at] ^= 1 << int(rng.integers(8))
-        elif kind == 1:
-            del changed[at : at + span]
-        elif kind == 2:
-            changed[at:at] = changed[at : at + span]
-        elif kind == 3:
-            changed[at : at + span] = rng.bytes(span)
-        elif kind == 4:
-            changed[at : at + span] = ODD[int(rng.integers(len(ODD)))].encode()
-        elif rng.random() < 0.3:
-            del changed[at:]
-    return bytes(changed)
-
-
-def of_bundle(name: str) -> Iterator[tuple[Path, bytes, Reader]]:
-    """A file of the tiny bundle, whose manifest speaks of it as it is."""
-    from runtime.bundle.loading import load_bundle, sha256_of
-    from runtime.bundle.manifest import MANIFEST
-    from runtime.compute.workers import Workers
-    from runtime.head.numba_engine import PointHeadEngine
-    from runtime.image.image_net import ImageNet
-
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(shutil.copytree(BUNDLE, Path(temporary) / "bundle"))
-
-        def read(path: Path) -> None:
-            if name != MANIFEST:
-                values = json.loads((BUNDLE / MANIFEST).read_text())
-                values["files"][name] |= {"sha256": sha256_of(path), "bytes": path.stat().st_size}
-                (folder / MANIFEST).write_text(json.dumps(values))
-            bundle = load_bundle(folder)
-            if name == "image_net.onnx":
-                net = ImageNet.of(bundle, threads=1)
-                net.run(np.zeros(bundle.manifest.view(bundle.manifest.sensor).shape, np.float32))
-            elif name == "point_head.npz" and bundle.manifest.point_head is not None:
-                PointHeadEngine(bundle.point_head(), bundle.manifest.point_head, Workers(1))
-
-        yield folder / name, (BUNDLE / name).read_bytes(), read
-
-
-def of_file(name: str, data: bytes, read: Reader) -> Iterator[tuple[Path, bytes, Reader]]:
-    """A file by itself."""
-    with tempfile.TemporaryDirectory() as folder:
-        yield Path(folder) / name, data, read
-
-
-def scans(suffix: str) -> Iterator[tuple[Path, bytes, Reader]]:
-    """A scan in one of the formats that need no other package."""
-    from runtime.recordings.formats.registry import read_cloud
-    from tests.support.scan_writers import write_pcd, write_ply
-
-    scan = np.random.default_rng(0).normal(size=(200, 4)).astype(np.float32)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"000000{suffix}"
-        if suffix == ".npy":
-            np.save(path, scan)
-        elif suffix == ".bin":
-            scan.tofile(path)
-        else:
-            (write_pcd if suffix == ".pcd" else write_ply)(path, scan, "binary" if suffix == ".pcd" else "ascii")
-        yield from of_file(path.name, path.read_bytes(), read_cloud)
-
-
-def poses() -> Iterator[tuple[Path, bytes, Reader]]:
-    """A pose file."""
-    from runtime.recordings.pose_files import checked
-    from runtime.recordings.pose_table import read_pose_table
-
-    def read(path: Path) -> object:
-        found = read_pose_table(path).poses
-        return checked(found, {}, [str(index) for index in range(len(found))], skip_broken=True)
-
-    yield from of_file("poses.txt", (SEQUENCE / "poses.txt").read_bytes(), read)
-
-
-def labels() -> Iterator[tuple[Path, bytes, Reader]]:
-    """A label file."""
-    from runtime.recordings.labels import read_truth
-
-    path = next((SEQUENCE / "labels").glob("*.label"))
-    yield from of_file(path.name, path.read_bytes(), read_truth)
-
-
-KINDS: dict[str, Callable[[], Iterator[tuple[Path, bytes, Reader]]]] = {
-    "manifest": lambda: of_bundle("manifest.json"),
-    "network": lambda: of_bundle("image_net.onnx"),
-    "weights": lambda: of_bundle("point_head.npz"),
-    "poses": poses,
-    "labels": labels,
-    **{f"scan {suffix}": (lambda suffix=suffix: scans(suffix)) for suffix in (".bin", ".npy", ".pcd", ".ply")},
+KINDS: dict[str, Kind] = {
+    "manifest": Kind(lambda: of_bundle("manifest.json"), mixed(of_bytes, of_json, of_json)),
+    "manifest of rt": Kind(lambda: of_bundle("manifest.json", SHIPPED), mixed(of_bytes, of_json, of_json), 3),
+    "network": Kind(lambda: of_bundle("image_net.onnx"), mixed(of_bytes, of_onnx, of_onnx), 3),
+    "network in integers": Kind(
+        lambda: of_bundle("image_net_int8.onnx", SHIPPED), mixed(of_bytes, of_onnx, of_onnx), 1
+    ),
+    "weights": Kind(lambda: of_bundle("point_head.npz"), mixed(of_bytes, of_npz, of_npz), 5),
+    "checkpoint": Kind(checkpoint, mixed(of_bytes, of_checkpoint, of_checkpoint), 3),
+    "sensor": Kind(sensor, mixed(of_bytes, of_json)),
+    **{f"poses, {name}": Kind(lambda name=name: poses(name), TEXT) for name in ("kitti", "tum", "table")},
+    "labels": Kind(labels),
+    "scan .bin": Kind(lambda: scan(".bin")),
+    "scan .npy": Kind(lambda: scan(".npy"), mixed(of_bytes, of_head)),
+    **{
+        f"scan {suffix} {encoding}": Kind(
+            lambda suffix=suffix, encoding=encoding: scan(suffix, encoding), mixed(of_bytes, of_head, of_words)
+        )
+        for suffix, encodings in (
+            (".pcd", ("ascii", "binary", "binary_compressed")),
+            (".ply", ("ascii", "binary_little_endian", "binary_big_endian")),
+        )
+        for encoding in encodings
+    },
+    **{
+        f"scan {suffix}": Kind(lambda suffix=suffix: scan(suffix), mixed(of_bytes, of_head))
+        for suffix in (".las", ".laz", ".feather")
+    },
+    **{
+        f"sequence, {name}": Kind(lambda name=name: recording(name), TEXT, 3)
+        for name in ("poses.txt", "calib.txt", "times.txt")
+    },
+    **{
+        f"bag, {kind}": Kind(lambda kind=kind: bag(kind), mixed(of_bytes, of_head), 3)
+        for kind in ("bag", "db3", "mcap")
+    },
+    "packets of a Velodyne": Kind(packets, mixed(of_bytes, of_head), 3),
+    "runner": Kind(runner, of_bytes, 3),
+    "run, scan": Kind(lambda: run("sequences/00/velodyne/000001.bin"), of_bytes, 1),
+    "run, poses": Kind(lambda: run("sequences/00/poses.txt"), TEXT, 1),
+    "run, its note": Kind(lambda: run("out/sequences/00/run.json"), mixed(of_bytes, of_json), 1),
+    "run, its journal": Kind(lambda: run("out/sequences/00/scans.jsonl"), TEXT, 1),
 }
 
 
-def try_kind(kind: str, seed: int, count: int) -> None:
-    """In a process of its own: a line of JSON for each input that is neither read nor refused, and one at the end."""
+def try_kind(kind: str, seed: int, first: int, stop: int, say: Any = typer.echo) -> None:
+    """A line of JSON for each input, for each that is neither read nor refused, and one at the end.
+
+    For a process of its own: an input that takes too long ends it.
+    """
     from runtime.errors import MosError
 
     warnings.simplefilter("ignore")
-    refused = 0
-    for path, data, read in KINDS[kind]():
-        for number in range(count):
-            typer.echo(json.dumps({"number": number}))
-            path.write_bytes(mutated(data, np.random.default_rng((seed, number))))
+    warnings.simplefilter("error", RuntimeWarning)  # of arithmetic that nobody thought of
+    refused, (_, mutate, _) = 0, KINDS[kind]
+    for path, data, read in KINDS[kind].target():
+        read(path) if path.exists() else None  # what the first one needs is no growth
+        before = memory_mb()
+        for number in range(first, stop):
+            say(json.dumps({"number": number}))
+            path.write_bytes(mutate(data, np.random.default_rng((seed, number))))
+            signal.setitimer(signal.ITIMER_PROF, LONGEST)
+            signal.alarm(WAITING)
+            reason = None
             try:
                 read(path)
             except MosError:
                 refused += 1
             except Exception as error:
-                typer.echo(json.dumps({"failed": f"{type(error).__name__}: {error}"[:200], "of": number}))
-    typer.echo(json.dumps({"refused": refused}))
+                reason = f"{type(error).__name__}: {error}"
+            signal.setitimer(signal.ITIMER_PROF, 0)
+            signal.alarm(0)
+            if (now := memory_mb()) - before > LARGEST:
+                reason = f"takes {now - before:.0f} MB"
+            before = max(before, now)
+            if reason:
+                say(json.dumps({"failed": reason[:200], "of": number}))
+    say(json.dumps({"refused": refused}))
+
+
+def memory_mb() -> float:
+    """Most resident memory of this process so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def try_all(kind: str, seed: int, count: int) -> tuple[int, list[dict[str, Any]]]:
+    """Refused inputs, and what failed, of a kind: process after process, as long as one ends too early."""
+    refused, failed, first = 0, [], 0
+    while first < count and len(failed) < MOST:
+        command = [sys.executable, "-m", "bench.faults", "--alone", "--kind", kind, "--seed", str(seed)]
+        command += ["--first", str(first), "--inputs", str(count)]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+        failed += [line for line in lines if "failed" in line]
+        refused += sum(line.get("refused", 0) for line in lines)
+        if lines and "refused" in lines[-1]:
+            break
+        last = max((line["number"] for line in lines if "number" in line), default=first)
+        late = done.returncode in (-signal.SIGALRM, -signal.SIGPROF)
+        end = "hangs" if late else f"ends with {done.returncode}: {done.stderr.strip()[-120:]}"
+        failed.append({"failed": end, "of": last})
+        first = last + 1
+    return refused, failed
 
 
 def bench(
     seed: int = 0,
-    count: Annotated[int, typer.Option(help="Inputs of each kind")] = 200,
+    inputs: Annotated[int, typer.Option(help="Of all kinds together, by their shares")] = 2000,
     kind: Annotated[list[str] | None, typer.Option(help="Only this kind; may be repeated")] = None,
+    first: Annotated[int, typer.Option(hidden=True)] = 0,
     alone: Annotated[bool, typer.Option(hidden=True)] = False,
+    out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
 ) -> None:
     """Read damaged files of every kind, and count those that are neither read nor refused."""
     if alone:
-        return try_kind((kind or [])[0], seed, count)
-    rows, failures = {}, []
-    for name in kind or KINDS:
-        began = time.perf_counter()
-        command = [sys.executable, "-m", "bench.faults", "--alone", "--kind", name, "--seed", str(seed)]
-        try:
-            done = subprocess.run(
-                [*command, "--count", str(count)],
-                cwd=ROOT,
-                capture_output=True,
-                text=True,
-                timeout=LONGEST,
-                check=False,
-            )
-            code, said = done.returncode, done.stdout
-        except subprocess.TimeoutExpired as late:
-            code, said = 1, (late.stdout or b"").decode()
-        lines = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
-        failed = [line for line in lines if "failed" in line]
-        if code or not lines or "refused" not in lines[-1]:
-            tried = [line["number"] for line in lines if "number" in line]
-            failed.append({"failed": f"ended with {code}, or hung", "of": tried[-1] if tried else 0})
+        return try_kind((kind or [])[0], seed, first, inputs)
+    names, failures = kind or list(KINDS), []
+    total, rows = sum(KINDS[name].share for name in names), {}
+    for name in names:
+        began, count = time.perf_counter(), -(-inputs * KINDS[name].share // total)
+        refused, failed = try_all(name, seed, count)
         failures += [f"{name}, seed {seed}, number {line['of']}: {line['failed']}" for line in failed]
-        refused = next((line["refused"] for line in lines if "refused" in line), 0)
-        rows[name] = {
-            "inputs": sum("number" in line for line in lines),
-            "refused": refused,
-            "failures": len(failed),
-            "s": round(time.perf_counter() - began, 1),
-        }
+        rows[name] = {"inputs": count, "refused": refused, "failures": len(failed)}
+        typer.echo(f"{name}: {rows[name]}, {time.perf_counter() - began:.0f} s")
+    rows["all"] = {key: sum(row[key] for row in rows.values()) for key in ("inputs", "refused", "failures")}
     show("damaged files", rows)
     for line in failures:
         typer.echo(line)
+    save(out, 1, {"seed": seed, "kinds": rows, "failed": failures})
     raise typer.Exit(1 if failures else 0)
 
 

@@ -1,6 +1,7 @@
 """Damaged files by seeded mutation: the short form of `python -m bench.faults`, without processes of their own."""
 
 import json
+import warnings
 
 import pytest
 
@@ -8,13 +9,16 @@ from bench.faults import KINDS, try_kind
 from export.bundle.write import plain
 from runtime.errors import CheckpointError
 
+NEVER_REFUSED = ("run, its journal",)  # what it does not say is made anew
+
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_is_damaged_is_read_or_refused(kind, capsys):
-    try_kind(kind, seed=2, count=15)
-    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+def test_what_is_damaged_is_read_or_refused(kind):
+    lines: list[dict] = []
+    with warnings.catch_warnings():
+        try_kind(kind, seed=2, first=0, stop=5 + KINDS[kind].share, say=lambda line: lines.append(json.loads(line)))
     assert [line for line in lines if "failed" in line] == []
-    assert lines[-1]["refused"] > 0
+    assert kind in NEVER_REFUSED or lines[-1]["refused"] > 0
 
 
 def test_a_record_of_few_bytes_and_many_values():

@@ -11,11 +11,11 @@ from runtime.recordings.bag import Bag
 from runtime.recordings.recording import Options
 from runtime.recordings.registry import open_recording
 from tests.support import street
+from tests.support.packets import write_pcap, write_vlp16
 
 POINTS = Options(points_only=True)
 SIZE = 1206  # bytes of a packet
 BAGS = {"velodyne_packets_db3": "/velodyne_packets", "velodyne32_packets_db3": "/sensing/lidar/front/velodyne_packets"}
-ETHERNET = bytes(12) + b"\x08\x00"
 
 
 def packets_of(folder, topic):
@@ -28,17 +28,6 @@ def packets_of(folder, topic):
             yield seconds + 1e-9 * nanoseconds, bytes(message.data[at + 8 : at + 8 + SIZE])
 
 
-def write_pcap(path, packets, sender=b"\xc0\xa8\x01\xc9", order="<", link=1, before=ETHERNET):
-    with path.open("wb") as file:
-        file.write(struct.pack(order + "IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, link))
-        for time, payload in packets:
-            udp = struct.pack(">HHHH", 2368, 2368, 8 + len(payload), 0) + payload
-            ip = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0) + sender + b"\xff" * 4
-            data = before + ip + udp
-            file.write(struct.pack(order + "IIII", int(time), round(time % 1 * 1e6), len(data), len(data)) + data)
-    return path
-
-
 @pytest.fixture(params=BAGS)
 def packets(request, readers):
     pytest.importorskip("rosbags")
@@ -49,6 +38,14 @@ def packets(request, readers):
 def path(packets, tmp_path):
     pytest.importorskip("velodyne_decoder")
     return write_pcap(tmp_path / "a.pcap", packets)
+
+
+def test_a_capture_of_a_vlp16(tmp_path):
+    pytest.importorskip("velodyne_decoder")
+    recording = open_recording(write_vlp16(tmp_path / "a.pcap"), POINTS)
+    assert recording.sensor == "vlp16"
+    for one in recording.scans():
+        np.testing.assert_allclose(np.linalg.norm(one.points, axis=1), 20, atol=0.2)
 
 
 def test_turns_are_those_of_the_decoder(path, packets):
