@@ -1,7 +1,8 @@
 """Damaged files of every kind, by seeded mutation of whole ones: `python -m bench.faults --inputs 100000`.
 
 What is read must be read, or refused with a `MosError`, in time and in memory, and leave everything as it was. Each
-kind has a process of its own, so that a crash or a hang is seen; the next one goes on behind it.
+kind has a process of its own, so that a crash or a hang is seen; the next one goes on behind it. Stopped, the same
+command goes on with the kinds that its JSON file does not have yet.
 """
 
 import json
@@ -11,6 +12,8 @@ import subprocess
 import sys
 import time
 import warnings
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,7 +26,7 @@ from bench.mutations import mixed, of_bytes, of_checkpoint, of_head, of_json, of
 from bench.report import save, show
 from runtime.commands.handler import run_alone
 
-LONGEST, WAITING = 60, 600  # s of the processor, or of the clock, that an input may take: it hangs
+LONGEST, WAITING = 60, 1800  # s of the processor, or of the clock, that an input may take: it hangs
 LARGEST = 1000  # MB more than all inputs before it
 MOST = 20  # crashes of a kind, after which it is not gone on with
 TEXT = mixed(of_bytes, of_words)
@@ -73,39 +76,53 @@ KINDS: dict[str, Kind] = {
 }
 
 
-def try_kind(kind: str, seed: int, first: int, stop: int, say: Any = typer.echo) -> None:
-    """A line of JSON for each input, for each that is neither read nor refused, and one at the end.
+def try_kind(
+    kind: str,
+    seed: int,
+    inputs: range,
+    say: Callable[[dict[str, Any]], object],
+    limits: Callable[[], AbstractContextManager[None]] = nullcontext,
+) -> None:
+    """Say each input's number, what is neither read nor refused, and at the end how many were refused.
 
-    For a process of its own: an input that takes too long ends it.
+    limits: of an input.
     """
     from runtime.errors import MosError
 
-    warnings.simplefilter("ignore")
-    warnings.simplefilter("error", RuntimeWarning)  # of arithmetic that nobody thought of
-    refused, (_, mutate, _) = 0, KINDS[kind]
-    for path, data, read in KINDS[kind].target():
-        read(path) if path.exists() else None  # what the first one needs is no growth
-        before = memory_mb()
-        for number in range(first, stop):
-            say(json.dumps({"number": number}))
+    refused, (target, mutate, _) = 0, KINDS[kind]
+    for path, data, read in target():
+        path.write_bytes(data)
+        read(path)  # what the whole one needs is no growth
+        most = memory_mb()
+        for number in inputs:
+            say({"number": number})
             path.write_bytes(mutate(data, np.random.default_rng((seed, number))))
-            signal.setitimer(signal.ITIMER_PROF, LONGEST)
-            signal.alarm(WAITING)
             reason = None
             try:
-                read(path)
+                with limits():
+                    read(path)
             except MosError:
                 refused += 1
             except Exception as error:
                 reason = f"{type(error).__name__}: {error}"
-            signal.setitimer(signal.ITIMER_PROF, 0)
-            signal.alarm(0)
-            if (now := memory_mb()) - before > LARGEST:
-                reason = f"takes {now - before:.0f} MB"
-            before = max(before, now)
+            if (now := memory_mb()) - most > LARGEST:
+                reason = f"takes {now - most:.0f} MB"
+            most = max(most, now)
             if reason:
-                say(json.dumps({"failed": reason[:200], "of": number}))
-    say(json.dumps({"refused": refused}))
+                say({"failed": reason[:200], "of": number})
+    say({"refused": refused})
+
+
+@contextmanager
+def ended_if_late() -> Iterator[None]:
+    """By a signal, this process, if the block takes too long: not to be used in one that does anything else."""
+    signal.setitimer(signal.ITIMER_PROF, LONGEST)
+    signal.alarm(WAITING)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.alarm(0)
 
 
 def memory_mb() -> float:
@@ -139,25 +156,38 @@ def bench(
     kind: Annotated[list[str] | None, typer.Option(help="Only this kind; may be repeated")] = None,
     first: Annotated[int, typer.Option(hidden=True)] = 0,
     alone: Annotated[bool, typer.Option(hidden=True)] = False,
-    out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
+    out: Annotated[Path | None, typer.Option(help="JSON file, to which kinds are added")] = None,
 ) -> None:
     """Read damaged files of every kind, and count those that are neither read nor refused."""
+    names = kind or list(KINDS)
     if alone:
-        return try_kind((kind or [])[0], seed, first, inputs)
-    names, failures = kind or list(KINDS), []
-    total, rows = sum(KINDS[name].share for name in names), {}
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("error", RuntimeWarning)  # of arithmetic that nobody thought of
+        (only,) = names
+        return try_kind(only, seed, range(first, inputs), lambda line: typer.echo(json.dumps(line)), ended_if_late)
+    total = sum(KINDS[name].share for name in names)
+    rows = _known(out, seed)
     for name in names:
         began, count = time.perf_counter(), -(-inputs * KINDS[name].share // total)
+        if rows.get(name, {}).get("inputs") == count:
+            continue
         refused, failed = try_all(name, seed, count)
-        failures += [f"{name}, seed {seed}, number {line['of']}: {line['failed']}" for line in failed]
         rows[name] = {"inputs": count, "refused": refused, "failures": len(failed)}
+        rows[name]["which"] = [f"number {line['of']}: {line['failed']}" for line in failed]
         typer.echo(f"{name}: {rows[name]}, {time.perf_counter() - began:.0f} s")
-    rows["all"] = {key: sum(row[key] for row in rows.values()) for key in ("inputs", "refused", "failures")}
-    show("damaged files", rows)
-    for line in failures:
-        typer.echo(line)
-    save(out, 1, {"seed": seed, "kinds": rows, "failed": failures})
-    raise typer.Exit(1 if failures else 0)
+        save(out, 1, {"seed": seed, "kinds": rows})
+    whole = {key: sum(row[key] for row in rows.values()) for key in ("inputs", "refused", "failures")}
+    show("damaged files", {**rows, "all": whole})
+    save(out, 1, {"seed": seed, "kinds": rows, "all": whole})
+    raise typer.Exit(1 if whole["failures"] else 0)
+
+
+def _known(out: Path | None, seed: int) -> dict[str, dict[str, Any]]:
+    """What an earlier call wrote there of the same seed."""
+    if out is None or not out.exists():
+        return {}
+    found = json.loads(out.read_text())
+    return dict(found["kinds"]) if found["seed"] == seed else {}
 
 
 if __name__ == "__main__":

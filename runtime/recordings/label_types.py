@@ -39,7 +39,7 @@ def _fits(values: npt.NDArray[np.number]) -> bool:
     if values.dtype.kind == "f":
         if ((values == 0) | ((values > LEAST) & (values <= 1))).all():
             return len(values) > 0
-        if not ((values >= 0) & (values < 1 << 32) & (values == np.floor(values))).all():
+        if not ((values >= 0) & (values < 1 << 32)).all() or (values != np.floor(values)).any():
             return False
     ids = values.astype(np.uint64) & 0xFFFF
     return bool(ids.any() and np.isin(ids, LABELS).all())

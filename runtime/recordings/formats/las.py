@@ -1,6 +1,7 @@
 """LAS and LAZ, the formats of surveyors (extra `points`)."""
 
 import io
+import os
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,12 @@ import numpy.typing as npt
 
 from runtime.compute.packages import LASPY, LAZRS, need_package
 from runtime.errors import ScanError
+from runtime.files import open_ordinary
 from runtime.recordings.cloud import RING, TIME, Cloud, cloud_of
 
 SUFFIXES: tuple[str, ...] = (".las", ".laz")
+RECORD, LATE_RECORD = 54, 60  # bytes of the head of each variable length record (ASPRS, LAS 1.4)
+COMPRESSED, LEAST_CHUNK = 0x80, 20  # a bit of the point format; bytes of a chunk, which begins with a whole point
 
 
 def holds(head: bytes) -> bool:
@@ -42,7 +46,10 @@ def kept(path: Path, keep: npt.NDArray[np.bool_]) -> bytes:
     las = _read(path)
     las.points = las.points[keep]
     file = io.BytesIO()
-    las.write(file, do_compress=path.suffix.lower() == ".laz")
+    try:
+        las.write(file, do_compress=path.suffix.lower() == ".laz")
+    except Exception as error:  # as in `_read`: what its header says may be nothing that is written
+        raise ScanError(f"{path}: cannot be written again as LAS: {error}") from error
     return file.getvalue()
 
 
@@ -64,6 +71,32 @@ def _open(path: Path) -> Any:
     import laspy
 
     try:
+        _check_counts(path)
         return laspy.open(path)
     except Exception as error:
         raise ScanError(f"{path}: cannot be read as LAS: {error}") from error
+
+
+def _check_counts(path: Path) -> None:
+    """What is read below makes room for all that a header speaks of: minutes and gigabytes, and lazrs even aborts.
+
+    Raises OSError, ValueError.
+    """
+    with open_ordinary(path) as file:
+        head, size = file.read(255), os.fstat(file.fileno()).st_size
+
+        def number(at: int, count: int, where: bytes = head) -> int:
+            return int.from_bytes(where[at : at + count], "little")
+
+        least = RECORD * number(100, 4)
+        if number(25, 1) >= 4:  # the minor version, since which records may follow the points too
+            least += LATE_RECORD * number(243, 4)
+        if number(104, 1) & COMPRESSED:
+            file.seek(number(96, 4))
+            if (table := number(0, 8, file.read(8))) >= size:  # -1, where it was not known yet: it stands at the end
+                file.seek(-8, os.SEEK_END)
+                table = number(0, 8, file.read())
+            file.seek(min(table, size))
+            least += LEAST_CHUNK * number(4, 4, file.read(8))
+    if least > size:
+        raise ValueError("its header speaks of more than it has bytes for")

@@ -105,18 +105,25 @@ def _header(head: bytes, path: Path) -> tuple[str, list[Element], int]:
             match words:
                 case ["format", encoding, *_]:
                     order = ORDERS[encoding]
-                case ["element", name, rows]:
+                case ["element", name, rows] if rows.isdigit():
                     elements.append(Element(name, int(rows), []))
-                case ["property", "list", length, kind, name]:
+                case ["property", "list", length, kind, name] if _is_new(name, elements):
                     types = [np.dtype(order + TYPES[one]) for one in (kind, length)]
                     elements[-1].properties.append(Property(name, *types))
-                case ["property", kind, name]:
+                case ["property", kind, name] if _is_new(name, elements):
                     elements[-1].properties.append(Property(name, np.dtype(order + TYPES[kind])))
                 case ["end_header"] if encoding:
                     return encoding, elements, at
+                case ["element" | "property", *_]:
+                    raise ValueError
         except (LookupError, ValueError, UnboundLocalError) as error:
             raise ScanError(f"{path}: its header is no PLY header: {' '.join(words)}") from error
     raise ScanError(f"{path}: is no whole PLY file: its header does not end")
+
+
+def _is_new(name: str, elements: list[Element]) -> bool:
+    """Whether the last element has no such property yet. Raises IndexError where there is no element."""
+    return name not in [one.name for one in elements[-1].properties]
 
 
 def _vertices(elements: list[Element], path: Path) -> Element:
@@ -140,7 +147,7 @@ def _from_lines(lines: list[str], element: Element, path: Path) -> Columns:
     if element.lists:
         lines = [" ".join(_without_lists(line.split(), element)) for line in lines]
     names = [one.name for one in element.properties if one.length is None]
-    values = numbers_in("\n".join(lines), len(names), path)
+    values = numbers_in("\n".join(lines), len(names), path) if names else np.empty((element.rows, 0))
     _check(len(values), element, path)
     return {name: values[:, index] for index, name in enumerate(names)}
 

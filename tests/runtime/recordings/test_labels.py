@@ -119,6 +119,13 @@ def test_a_scan_of_one_label(tmp_path, read, label):
     assert (read(tmp_path / "0.label") == label).all()
 
 
+def test_numbers_that_are_not_finite_are_no_labels(tmp_path):
+    """And numpy does not warn of those that signal."""
+    np.array([0x7F800001, 0x3F000000, 0x7F800000] * 30, "<u4").tofile(tmp_path / "0.label")  # NaN, 0.5, infinity
+    with pytest.raises(SequenceError, match=r"unknown label|none of"):
+        read_truth(tmp_path / "0.label")
+
+
 @pytest.mark.skipif(not SHARED.is_dir(), reason="needs the real scans in ../shared")
 def test_real_labels_are_taken_for_labels():
     files = sorted(SHARED.glob("data/*/sequences/*/labels/*.label"))

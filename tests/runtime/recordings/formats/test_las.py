@@ -3,7 +3,7 @@ import pytest
 
 from runtime.compute import packages
 from runtime.errors import MissingPackageError, ScanError
-from runtime.recordings.formats.registry import count_points, read_cloud
+from runtime.recordings.formats.registry import count_points, kept_points, read_cloud
 from tests.support.scan_writers import write_las
 
 
@@ -46,6 +46,34 @@ def test_cut_off(path, points):
         path.write_bytes(whole[:length])
         with pytest.raises(ScanError, match=rf"{path.name}: (cannot be read as LAS|is cut off)"):
             read_cloud(path)
+
+
+@pytest.mark.parametrize("at", [100, 243, "chunks"])
+def test_more_than_there_is(path, points, at):
+    """A few bytes that speak of gigabytes: lazrs would abort the process, laspy fill all memory."""
+    write_las(path, points)
+    data = bytearray(path.read_bytes())
+    data[25] = max(data[25], 4 if at == 243 else 0)
+    if at == "chunks":
+        if path.suffix == ".las":
+            pytest.skip("has no chunks")
+        begin = int.from_bytes(data[96:100], "little")
+        at = int.from_bytes(data[begin : begin + 8], "little") + 4
+    data[at : at + 4] = b"\xff" * 4
+    path.write_bytes(data)
+    for read in (read_cloud, count_points):
+        with pytest.raises(ScanError, match="speaks of more than it has bytes for"):
+            read(path)
+
+
+def test_a_header_that_cannot_be_written_again(path, points):
+    write_las(path, points)
+    data = bytearray(path.read_bytes())
+    data[26] = 0xE4  # the first letter of the system's name, which is to be ASCII
+    path.write_bytes(data)
+    keep = np.ones(len(read_cloud(path).data), np.bool_)
+    with pytest.raises(ScanError, match="cannot be written again"):
+        kept_points(path, keep)
 
 
 def test_without_the_package(path, points, monkeypatch):

@@ -80,6 +80,12 @@ def test_other_elements_and_lists_are_skipped(tmp_path, encoding):
         ("ply\nformat ascii 1.0\nelement vertex many\nend_header\n", "no PLY header: element vertex many"),
         ("ply\nformat ascii 1.0\nelement vertex 0\nproperty half x\nend_header\n", "no PLY header: property half x"),
         ("ply\nformat ascii 1.0\nproperty float x\nend_header\n", "no PLY header: property float x"),
+        ("ply\nformat ascii 1.0\nelement vertex 1\nend_header\n1 2 3\n", "no field x, y, z"),
+        ("ply\nformat ascii 1.0\nelement vertex -1\nend_header\n", "no PLY header: element vertex -1"),
+        (
+            "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty list uint int x\nend_header\n",
+            "no PLY header: property list uint int x",
+        ),
         ("ply\nformat ascii 1.0\nelement face 0\nend_header\n", "no element 'vertex'; its elements are face"),
         ("ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nend_header\n", "no field y, z; its fields are x"),
         ("ply\nformat binary_little_endian 1.0\nelement face 0\nend_header\n", "no element 'vertex'"),
