@@ -1,5 +1,6 @@
 """A runner in any order of scans, errors, resets, interrupts and threads: as one that saw the scans alone."""
 
+import functools
 import os
 import signal
 import threading
@@ -20,6 +21,7 @@ from runtime.image.image_net import ImageNet
 from runtime.image.inputs import InputBuilder
 from tests.runtime.test_runner import drive
 from tests.support.paths import BUNDLE
+from tests.support.stateful import examples
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs signals of POSIX")
 
@@ -61,7 +63,9 @@ class Told(MosRunner):
         return index
 
 
-RUNNERS = {delay: (Told(belief="online", delay=delay), Told(belief="online", delay=delay)) for delay in (0, 2)}
+@functools.cache
+def runners(delay):
+    return tuple(Told(belief="online", delay=delay) for _ in range(2))
 
 
 class AnyOrder(RuleBasedStateMachine):
@@ -69,7 +73,7 @@ class AnyOrder(RuleBasedStateMachine):
 
     @initialize(delay=st.sampled_from([0, 2]))
     def begin(self, delay):
-        self.subject, self.other = RUNNERS[delay]
+        self.subject, self.other = runners(delay)
         self.at = 0.0
         for one in (self.subject, self.other):
             one.reset()
@@ -194,7 +198,8 @@ def heeded():
         warnings.simplefilter("ignore", MosWarning)
         yield
     signal.signal(signal.SIGINT, before)
+    runners.cache_clear()
 
 
 TestAnyOrder = AnyOrder.TestCase
-TestAnyOrder.settings = settings(max_examples=25, stateful_step_count=20, deadline=None, derandomize=True)
+TestAnyOrder.settings = settings(examples(25), stateful_step_count=20)
