@@ -87,7 +87,7 @@ class PointHead(ABC):
         """Refine a wall, near a point of it and as a whole: compiles every kernel and lays out memory."""
         grid = 1.01 * self.config.voxel_size * np.arange(WARM_UP, dtype=np.float32)
         y, z = (a.reshape(-1) for a in np.meshgrid(grid, grid))
-        wall = np.stack([np.full_like(y, 10), y, z], axis=1)
+        wall = np.stack([np.full_like(y, 10), y, z, y], axis=1)[:, :3]  # as a scan's: its kernels are those of columns
         features = FeatureMap(np.zeros((self.config.in_channels, 1, 2), np.float32), np.zeros(len(y), np.int32), 2)
         valid = np.ones(len(y), np.bool_)
         self.refine(wall, valid, features, np.arange(len(y)) == 0)

@@ -117,17 +117,17 @@ def nearest_range(points, transform, scale, min_range, max_range, nearest):  # t
     xyz = np.empty((3, BLOCK), np.float32)
     pixel = np.empty(BLOCK, np.int32)
     distance = np.empty(BLOCK, np.float32)
-    nearest[:] = np.float32(np.inf)
+    infinity = np.float32(np.inf)
+    nearest[:] = infinity
     count = points.shape[0]
     for start in range(0, count, BLOCK):
         stop = min(start + BLOCK, count)
         project_block(points[start:stop], transform, scale, xyz, pixel, distance)
-        for i in range(stop - start):
+        for i in range(stop - start):  # without branches, which no processor could foresee
             r = distance[i]
-            if r > min_range and r < max_range:
-                cell = pixel[i]
-                if r < nearest[cell]:
-                    nearest[cell] = r
+            r = r if (r > min_range) & (r < max_range) else infinity
+            cell = max(pixel[i], 0)
+            nearest[cell] = min(nearest[cell], r)
 
 
 @fast_kernel
