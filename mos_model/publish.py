@@ -26,7 +26,8 @@ from runtime.errors import CheckpointError
 from runtime.settings import CHOICES
 from runtime.typed_json import build
 
-SLACK = 0.005  # of IoU, which counts points: of thresholds as good, the lowest misses fewest people, who have few
+# Of IoU, which counts points: online, of thresholds as good, the lowest misses fewest people, who have few of them
+SLACK = 0.005
 
 
 def data_of(training: Mapping[str, Any]) -> str:
@@ -95,7 +96,8 @@ def publish(
         show_line(f"{', '.join(one.sensors)}: threshold {one.threshold:.3f}, moving IoU {100 * one.iou:.1f}{head}")
     if drives:
         for names, of_them in in_two(classes, [each.result() for each in believed]):
-            (threshold, iou), (later, later_iou) = (one.best_threshold(SLACK) for one in of_them)
+            threshold, iou = of_them.online.best_threshold(SLACK)
+            later, later_iou = of_them.delayed.best_threshold()
             for each in names:
                 decisions[each] |= {"belief_threshold": threshold, "delayed_threshold": later}
             words = f"{DELAY} scans later {later:.3f}, {100 * later_iou:.1f}"
