@@ -65,6 +65,10 @@ class OutputError(MosError, OSError):
     """A result could not be written; what had been written before is whole."""
 
 
+class CutShortError(OutputError):
+    """A result is whole up to where it was cut short, and is kept under its temporary name, which the message says."""
+
+
 class MosWarning(UserWarning):
     """Something that the user should know but that does not stop the work."""
 

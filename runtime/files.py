@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import BinaryIO
 
-from runtime.errors import MosError, OutputError
+from runtime.errors import CutShortError, MosError, OutputError
 
 fcntl: ModuleType | None
 try:
@@ -166,16 +166,21 @@ def replacing(path: str | Path, sync: bool = True) -> Iterator[BinaryIO]:
 def replacing_folder(path: str | Path) -> Iterator[Path]:
     """A new folder to write into; it becomes `path` when the block ends, in the place of what was there.
 
-    Links and errors as in `replacing`.
+    Links and errors as in `replacing`; after a CutShortError it stays where it is, until the next `sweep`.
     """
     with _beside(path) as part:
+        kept = False
         try:
             part.mkdir()
             yield part
             _sync(part)
             _swap(part, Path(os.path.abspath(path)))
+        except CutShortError:
+            kept = True
+            raise
         finally:
-            shutil.rmtree(part, ignore_errors=True)
+            if not kept:
+                shutil.rmtree(part, ignore_errors=True)
 
 
 @contextlib.contextmanager

@@ -97,7 +97,7 @@ class BeliefNumbers:
         if not 0 <= self.look_back <= 64:
             raise SettingError(f"belief looks back 0 to 64 scans, not {self.look_back!r}")
         if not all(-10 <= one <= 10 for one in (self.through, self.ended, self.unseen)):
-            raise SettingError("what a look says (`through`, `ended`, `unseen`) is -10 to 10 of log-odds")
+            raise SettingError("what a look says (through, ended or unseen) is -10 to 10 of log-odds")
 
 
 @dataclass(frozen=True)

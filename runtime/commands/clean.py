@@ -69,7 +69,7 @@ def clean(
     Labels come first, those of `mos run --delay 10`. Then all scans vote on each voxel whether it moves there, and
     rays must have gone through it.
     """
-    wanted = wanted_of({Write.CLEAN, Write.MAP}, format, voxel, picture=True)
+    wanted = wanted_of({Write.STILL, Write.MAP}, format, voxel, picture=True)
     settings = runner_settings(
         sensor=sensor,
         threads=threads,

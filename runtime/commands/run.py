@@ -97,7 +97,7 @@ def run(
     write: Annotated[
         list[Write] | None,
         typer.Option(
-            help="Beside labels, cloud: clouds with fields moving and probability; clean: the recording without what "
+            help="Beside labels, cloud: clouds with fields moving and probability; static: the recording without what "
             "moves; map: a static map; bag: a copy of a bag whose clouds have these fields. May be repeated.",
             show_default="label",
         ),

@@ -13,7 +13,7 @@ class Write(StrEnum):
 
     LABEL = "label"
     CLOUD = "cloud"
-    CLEAN = "clean"
+    STILL = "static"
     MAP = "map"
     BAG = "bag"
 
@@ -42,13 +42,13 @@ Voxel = Annotated[
 
 def wanted_of(write: set[str], form: CloudFormat | None, voxel: float | None, picture: bool = False) -> Wanted:
     """What is wanted, of which nothing would be ignored."""
-    if form is not None and not write & {Write.CLOUD, Write.CLEAN}:
-        raise typer.BadParameter("--format is of clouds: add --write cloud or --write clean")
-    if voxel is not None and not write & {Write.CLEAN, Write.MAP}:
-        raise typer.BadParameter("--voxel is of what stands still: add --write clean or --write map")
+    if form is not None and not write & {Write.CLOUD, Write.STILL}:
+        raise typer.BadParameter("--format is of clouds: add --write cloud or --write static")
+    if voxel is not None and not write & {Write.STILL, Write.MAP}:
+        raise typer.BadParameter("--voxel is of what stands still: add --write static or --write map")
     return Wanted(
         cloud=Write.CLOUD in write,
-        clean=Write.CLEAN in write,
+        clean=Write.STILL in write,
         map=Write.MAP in write,
         bag=Write.BAG in write,
         picture=picture,

@@ -92,7 +92,7 @@ def write_beside(recording: Indexed, runner: MosRunner, out: Path, wanted: Wante
     if wanted.bag:
         with voice.counted(f"{recording.name} with labels") as progress:
             count = write_labelled_bag(recording, labels, _probabilities(labels), labels.with_name("bag"), progress)
-        voice.show(f"bag with labels: {labels.with_name('bag')}, {count} clouds")
+        voice.show(f"bag with labels: {_what_is_in(labels.with_name('bag'))}, {count} clouds")
     if wanted.clean or wanted.map:
         chosen = sensor_of(recording, runner.bundle.manifest, runner.settings.profile)
         _write_left(recording, labels, wanted, chosen.mounting, voice)
@@ -100,6 +100,13 @@ def write_beside(recording: Indexed, runner: MosRunner, out: Path, wanted: Wante
 
 def _clouds(labels: Path, wanted: Wanted) -> LabelledClouds:
     return LabelledClouds(labels.with_name("clouds"), wanted.form or "ply")
+
+
+def _what_is_in(folder: Path) -> Path:
+    """The bag in a folder, a file or a folder with its description, where that is all there is; else the folder."""
+    there = list(folder.iterdir())
+    bag = len(there) == 1 and (there[0].is_file() or (there[0] / "metadata.yaml").is_file())
+    return there[0] if bag else folder
 
 
 def _probabilities(labels: Path) -> Probabilities:
@@ -133,7 +140,9 @@ def _write_left(recording: Indexed, labels: Path, wanted: Wanted, mounting: Pose
     if wanted.map:
         for path, points in write_maps(votes, labels.parent).items():
             voice.show(f"static map: {path}, {points:,} points")
-        if wanted.picture and has_package(PILLOW):
+        if wanted.picture and not has_package(PILLOW):
+            voice.show("no picture from above, which needs Pillow: pip install 'lidar-mos[view]'")
+        elif wanted.picture:
             from runtime.pictures.map_view import draw_map
 
             picture = labels.with_name("map.png")
@@ -144,4 +153,6 @@ def _write_left(recording: Indexed, labels: Path, wanted: Wanted, mounting: Pose
         with voice.counted(f"{recording.name} without it") as progress:
             left = write_clean(votes, labels.with_name(CLEAN), wanted.form or SAME, progress)
         share = percent(1 - left.kept / max(1, left.points))
-        voice.show(f"without what moves: {left.folder}, {left.scans} scans, {share} of the points left out")
+        voice.show(
+            f"without what moves: {_what_is_in(left.folder)}, {left.scans} scans, {share} of the points left out"
+        )

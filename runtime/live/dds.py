@@ -22,8 +22,12 @@ KEPT = 100  # messages that may wait, but for clouds
 CLOUDS_KEPT = 5
 MANY = 10_000  # publishers
 LARGEST_DOMAIN = 232
-# Clouds go in thousands of datagrams, more than the system's usual buffer holds
-BUFFER = "<CycloneDDS><Domain><Internal><SocketReceiveBufferSize max='32MB'/></Internal></Domain></CycloneDDS>"
+# Clouds go in many datagrams: the largest there are, as Fast DDS sends them, which in thousands of small ones loses
+# clouds itself; and a buffer that holds more than the system's usual one
+CONFIGURATION = (
+    "<CycloneDDS><Domain><General><MaxMessageSize>65500B</MaxMessageSize><FragmentSize>60000B</FragmentSize></General>"
+    "<Internal><SocketReceiveBufferSize max='32MB'/></Internal></Domain></CycloneDDS>"
+)
 CONFIGURED = "CYCLONEDDS_URI"  # the environment's own configuration, which then counts
 PLAIN = {"string": str, "bool": bool}  # types that Python has
 
@@ -75,7 +79,7 @@ class Node:
 
         self.types = get_typestore(Stores.ROS2_HUMBLE)  # what messages hold
         try:
-            self._domain = None if os.environ.get(CONFIGURED) else Domain(domain, BUFFER)
+            self._domain = None if os.environ.get(CONFIGURED) else Domain(domain, CONFIGURATION)
             self._participant = DomainParticipant(domain)
             self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
         except DDSException as error:

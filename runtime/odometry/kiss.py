@@ -33,7 +33,7 @@ class KissOdometry:
         Raises MissingPackageError.
         """
         need_package(KISS_ICP, "odometry")
-        self.name = f"KISS-ICP {version('kiss-icp')}, {max_range:g} m, {voxel_size:g} m"
+        self.name = f"KISS-ICP {version('kiss-icp')}, points to {max_range:g} m, voxels of {voxel_size:g} m"
         self._max_range, self._voxel_size = max_range, voxel_size
         self._pose: Pose  # of the middle of the sweep before: there, what is wrong about the velocity cancels out
         self._motion: Motion  # since the one before that

@@ -1,7 +1,9 @@
 """A disk that is full, for real."""
 
 import contextlib
+import subprocess
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -16,3 +18,20 @@ def full_disk(room: int = 0) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@contextlib.contextmanager
+def small_disk(folder: Path, room: int) -> Iterator[Path]:
+    """Within the block a folder is a file system of so many bytes; skips where this process may not mount one."""
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={room}", "tmpfs", str(folder)]
+    try:
+        may = subprocess.run(mount, capture_output=True, check=False).returncode == 0
+    except OSError:
+        may = False
+    if not may:
+        pytest.skip("needs the right to mount a file system")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)

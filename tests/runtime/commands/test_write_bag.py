@@ -56,7 +56,7 @@ def test_there_and_back(bag, capsys):
     assert run(bag) == 0
     sequence = bag.parent / "out" / "sequences" / bag.stem
     copy = sequence / "bag" / bag.name
-    assert f"bag with labels: {sequence / 'bag'}, {COUNT} clouds" in capsys.readouterr().out
+    assert f"bag with labels: {copy}, {COUNT} clouds" in capsys.readouterr().out
     before, after = messages(bag), messages(copy)
     assert before.keys() == after.keys()
     for key in before:

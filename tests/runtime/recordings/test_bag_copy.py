@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from runtime.errors import SettingError
+from runtime.errors import CutShortError, SettingError
+from runtime.files import replacing_folder, sweep
 from runtime.recordings.old_rosbags import is_old
 from runtime.recordings.recording import Options
 from runtime.recordings.registry import open_recording
 from tests.support.bag_writers import KINDS, BagWriter, messages, single_file
+from tests.support.disk import small_disk
 
 pytest.importorskip("rosbags")
 
@@ -59,3 +61,33 @@ def test_a_single_file_of_ros_2_becomes_a_folder(bag, tmp_path):
     open_recording(file, options).write_kept(tmp_path / "clean", iter([(0, np.zeros(60, bool))]))
     (copy,) = (tmp_path / "clean").iterdir()
     assert [len(scan.data) for scan in open_recording(copy, options)] == [0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_where_the_disk_is_full_the_copy_ends_with_a_whole_message(tmp_path, kind):
+    """It is never moved into place, keeps its temporary name, and can be read until there."""
+    scan = np.random.default_rng(1).uniform(-9, 9, (60_000, 4)).astype(np.float32)
+    path = tmp_path / ("log.bag" if kind == "bag" else "log")
+    with BagWriter(path, kind) as writer:
+        for index in range(40):
+            writer.cloud(scan, index / 10)
+            writer.pose(np.eye(4), index / 10)
+    recording = open_recording(path, Options(topic="/points", points_only=True))
+    every = ((index, np.ones(len(scan), bool)) for index in range(len(recording)))
+    with small_disk(tmp_path / "disk", 32 << 20) as disk:
+        with (
+            pytest.raises(CutShortError, match=r"full after [0-9]+ messages") as said,
+            replacing_folder(disk / "copy") as new,
+        ):
+            recording.write_kept(new, every)
+        (left,) = disk.iterdir()
+        assert left.name.startswith(".copy.")
+        (copy,) = left.iterdir()
+        assert str(copy) in str(said.value)
+        before, after = messages(path), messages(copy)
+        assert before.keys() == after.keys()
+        assert 0 < sum(map(len, after.values())) < 80
+        for key, some in after.items():
+            assert some == before[key][: len(some)]
+        sweep(disk)
+        assert not list(disk.iterdir())
