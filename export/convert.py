@@ -8,7 +8,8 @@ from typing import Any
 
 import torch
 
-from export.bundle.head_weights import head_arrays, write_point_head
+from export.bundle.cylinder_weights import cylinder_arrays
+from export.bundle.head_weights import head_arrays, write_arrays, write_point_head
 from export.bundle.parity import Parity, check_parity
 from export.bundle.write import file_entry, plain, replacing_bundle, rounded_to_half, write_manifest
 from export.checkpoint.published import OURS, Source, understand
@@ -21,6 +22,7 @@ from mos_model.data.dataset import SampleConfig
 from mos_model.networks.config import ModelConfig
 from runtime.bundle.loading import Bundle, load_bundle
 from runtime.bundle.manifest import (
+    CYLINDER_NET,
     IMAGE_NET,
     IMAGE_NET_INT8,
     POINT_HEAD,
@@ -88,6 +90,8 @@ def export_checkpoint(
         image, height=image.height if height is None else height, width=image.width if width is None else width
     )
     source = replace(source, config=replace(source.config, range_image=image))
+    if precision == "int8" and source.config.view.cylinder is not None:
+        raise SettingError(f"{checkpoint}: 8-bit integers are for networks of images, and this one sees points")
     if point_head_onnx and source.point_head is None:
         raise SettingError(f"{checkpoint}: has no point head to write as {POINT_HEAD_ONNX}")
     stored = weights or ("float16" if source.origin == OURS else "float32")
@@ -108,7 +112,11 @@ def export_checkpoint(
 
 def _write_networks(folder: Path, source: Source, precision: str, point_head_onnx: bool) -> None:
     config = source.config
-    (folder / IMAGE_NET).write_bytes(image_bytes(source.image_net, any_size(config.in_channels)))
+    if config.view.cylinder is None:
+        (folder / IMAGE_NET).write_bytes(image_bytes(source.image_net, any_size(config.in_channels)))
+    else:
+        arrays = cylinder_arrays(source.image_net, config.channels, precision == "float16")
+        write_arrays(folder / CYLINDER_NET, arrays)
     if source.point_head is not None and config.point_head is not None:
         half = precision == "float16"
         write_point_head(folder / POINT_HEAD, source.point_head, config.point_head, half)
@@ -137,7 +145,7 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
     config, training = source.config, source.training
     features = _channels_of_features(source)
     head = config.point_head
-    files = [IMAGE_NET] + [name for name in (POINT_HEAD, POINT_HEAD_ONNX) if (folder / name).exists()]
+    files = [name for name in (IMAGE_NET, CYLINDER_NET, POINT_HEAD, POINT_HEAD_ONNX) if (folder / name).exists()]
     record = {
         key: value
         for key, value in training.items()
@@ -159,10 +167,11 @@ def _manifest(folder: Path, source: Source, precision: str, checkpoint: Path) ->
         },
         model=config.to_dict(),
         tuned=build(Tuned, training.get("tuned", {}), f"{checkpoint}: tuned", CheckpointError),
-        postprocess=training.get("postprocess", "head" if head else "knn"),
+        postprocess=training.get("postprocess", config.postprocess),
         accuracy=plain(training.get("accuracy", {})),
         licence=training.get("licence", "unknown"),
         bird=config.view.bird,
+        cylinder=config.view.cylinder,
     )
 
 

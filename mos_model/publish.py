@@ -105,7 +105,7 @@ def publish(
     training = {
         "decisions": decisions,
         "tuned": asdict(tuned),
-        "postprocess": postprocess or ("head" if found.point_head is not None else "knn"),
+        "postprocess": postprocess or found.config.postprocess,
         "trained": True,
         "data": data or data_of(found.training),
         "licence": licence,

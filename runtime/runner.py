@@ -254,7 +254,7 @@ class MosRunner:
             watch.lap("network")
             labels = PointLabels(np.zeros(len(scan), np.bool_), np.zeros(len(scan), np.float32))
         else:
-            seen = self._stages.image_net.run(image.image)
+            seen = self._stages.network.run(image.image)
             watch.lap("network")
             labels = self._stages.refiner.refine(scan, image, seen)
         watch.lap("postprocess")

@@ -93,7 +93,11 @@ def head_arrays(head: "nn.Module", config: PointHeadConfig, half: bool) -> dict[
 
 def write_point_head(path: Path, head: "nn.Module", config: PointHeadConfig, half: bool) -> None:
     """Write `point_head.npz`; `half` as in `head_arrays`."""
-    arrays = head_arrays(head, config, half)
+    write_arrays(path, head_arrays(head, config, half))
+
+
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write the weights of a bundle's `.npz` file, in the order of their names."""
     ordered: dict[str, Any] = {key: np.ascontiguousarray(arrays[key]) for key in sorted(arrays)}
     buffer = io.BytesIO()
     np.savez(buffer, **ordered)

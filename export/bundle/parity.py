@@ -15,12 +15,12 @@ from runtime.bundle.manifest import POINT_HEAD, POINT_HEAD_ONNX, Manifest
 from runtime.bundle.residual import HISTORY
 from runtime.compute.workers import Workers
 from runtime.errors import ParityError
+from runtime.head.networks import open_network
 from runtime.head.numba_engine import PointHeadEngine
 from runtime.head.onnx_engine import OnnxHead
 from runtime.head.refinement import PointHead
 from runtime.head.transfer import FeatureMap
 from runtime.image.entry import Entered
-from runtime.image.image_net import ImageNet
 from runtime.image.inputs import ImageInput
 from runtime.image.making import make_inputs
 
@@ -62,7 +62,7 @@ def check_parity(bundle: Bundle, image_net: nn.Module, point_head: TorchHead | N
     with torch.inference_mode():
         want = image_net(torch.from_numpy(image.image[None]))
         want_probabilities, want_features = want.logits.softmax(1)[0].numpy(), want.features[0].numpy()
-    net = ImageNet.of(bundle, precision="float32", threads=threads)
+    net = open_network(bundle, "float32", manifest.view(manifest.sensor), workers)
     probabilities, features = net.run(image.image)
     heads = _head_differences(bundle, point_head, scan, image, features, want, workers)
     parity = Parity(

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mos_model.data.augment import NONE, Augmentation, augment
 from runtime.bundle.residual import HISTORY, Residual
-from runtime.bundle.view import BirdView, View
+from runtime.bundle.view import BirdView, CylinderView, View
 from runtime.classes import CLASSES, MOVING, UNLABELLED, to_classes
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
@@ -74,6 +74,7 @@ class SampleConfig:
     crop_on_moving: float = 0.0  # share of the crops that hold a mover, if the image has one
     points: bool = False  # give the points too (for the point head), those of the crop
     bird: BirdView | None = None  # the network looks from above
+    cylinder: CylinderView | None = None  # the network sees points in a cylinder, whose sectors are the columns
 
     def __post_init__(self) -> None:
         width = self.view.shape[2]
@@ -84,12 +85,13 @@ class SampleConfig:
     def of(cls, model: "ModelConfig", **others: Any) -> "SampleConfig":
         """As a network sees its sensor; `others` are fields of this class."""
         view = model.view
-        return cls(model.sensor, model.other_sensors, view.range_image, view.residual, bird=view.bird, **others)
+        others |= {"bird": view.bird, "cylinder": view.cylinder}
+        return cls(model.sensor, model.other_sensors, view.range_image, view.residual, **others)
 
     @property
     def view(self) -> View:
         """What the network is shown."""
-        return View(self.range_image, self.residual, self.bird)
+        return View(self.range_image, self.residual, self.bird, self.cylinder)
 
     @property
     def reach(self) -> float:
@@ -133,26 +135,38 @@ def make_samples(
         whole = Sample(built.image, labels, made.points[seen, :3], built.pixel[seen], made.labels[seen])
     if not config.crop:
         return [whole]
-    return [_cropped(whole, _draw_columns(labels, config, rng)) for _ in range(crops)]
+    return [_cropped(whole, _draw_columns(whole, config, rng), config.view) for _ in range(crops)]
 
 
 _NOWHERE, _NO_PIXEL, _NO_CLASS = np.empty((0, 3), np.float32), np.empty(0, np.int32), np.empty(0, np.uint8)
 
 
-def _cropped(sample: Sample, columns: NDArray[np.int64]) -> Sample:
-    """The part of a sample in some neighbouring columns of its image."""
-    width, crop = sample.labels.shape[1], len(columns)
-    column = (sample.pixel % width - columns[0]) % width
-    kept = column < crop
-    pixel = (sample.pixel // width * crop + column)[kept].astype(np.int32)
-    return Sample(sample.image[:, :, columns], sample.labels[:, columns], sample.xyz[kept], pixel, sample.classes[kept])
+def _cropped(sample: Sample, columns: NDArray[np.int64], view: View) -> Sample:
+    """The part of a sample in some neighbouring columns of its view."""
+    kept = columns if view.cylinder is None else np.flatnonzero(np.isin(_column(sample, view), columns))
+    width = sample.labels.shape[1]
+    place = np.full(width, -1)
+    place[kept] = np.arange(len(kept))
+    column = place[sample.pixel % width]
+    inside = column >= 0
+    pixel = (sample.pixel // width * len(kept) + column)[inside].astype(np.int32)
+    points = sample.xyz[inside], pixel, sample.classes[inside]
+    return Sample(np.ascontiguousarray(sample.image[:, :, kept]), sample.labels[:, kept], *points)
 
 
-def _draw_columns(labels: NDArray[np.uint8], config: SampleConfig, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Columns of a crop; it may reach over the seam of the image, if there is one."""
-    width = labels.shape[1]
+def _column(sample: Sample, view: View) -> NDArray[np.int64]:
+    """In which column of its view each column of an image lies: of points their sector, -1 without one."""
+    if view.cylinder is None:
+        return np.arange(sample.labels.shape[1])
+    cell = sample.image[-1, 0].astype(np.int64)
+    return np.where(cell < 0, -1, cell // view.cylinder.layers % view.cylinder.sectors)
+
+
+def _draw_columns(sample: Sample, config: SampleConfig, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Columns of a crop; it may reach over the seam of the view, if there is one."""
+    width = config.view.shape[2]
     start = int(rng.integers(width))
-    with_mover = np.flatnonzero((labels == MOVING).any(axis=0))
+    with_mover = np.unique(_column(sample, config.view)[(sample.labels == MOVING).any(axis=0)])
     if rng.random() < config.crop_on_moving and len(with_mover):
         groups = np.split(
             with_mover, np.flatnonzero(np.diff(with_mover) > 1) + 1

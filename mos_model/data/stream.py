@@ -83,10 +83,14 @@ class Stream:
                 yield [samples[i] for i in batch]
 
     def _batches(self, samples: list[Sample], rng: np.random.Generator) -> list[list[int]]:
-        """Indices of the samples of a block, a list for each batch: shuffled, images of one shape together."""
+        """Indices of the samples of a block, a list for each batch: shuffled, images of one shape together.
+
+        Lists of points, which are images of one row, go together whatever their lengths.
+        """
         shapes: dict[tuple[int, ...], list[int]] = {}
         for i in rng.permutation(len(samples)).tolist():
-            shapes.setdefault(samples[i].labels.shape, []).append(i)
+            shape = samples[i].labels.shape
+            shapes.setdefault(shape[:1] if shape[0] == 1 else shape, []).append(i)
         batches = [each[k : k + self.batch] for each in shapes.values() for k in range(0, len(each), self.batch)]
         if len(batches) != self.batches_per_block:
             raise SettingError(

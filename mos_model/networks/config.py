@@ -60,6 +60,12 @@ class ModelConfig(ABC):
         return View(self.range_image, self.residual)
 
     @property
+    def postprocess(self) -> str:
+        """From pixels to points, unless told otherwise; those of a list of points cannot vote."""
+        alone = "knn" if self.view.cylinder is None else "none"
+        return alone if self.point_head is None else "head"
+
+    @property
     def in_channels(self) -> int:
         """Channels of the input image: those of the scan, then those of its past."""
         return self.view.shape[0]

@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from mos_model.networks.config import ModelConfig
+from mos_model.networks.cylinder3d import Cylinder3DConfig
 from mos_model.networks.dual import DualConfig
 from mos_model.networks.format_1 import from_flat
 from mos_model.networks.limoseg import LiMoSegConfig
@@ -20,6 +21,7 @@ NETWORKS: dict[str, type[ModelConfig]] = {
         DualConfig,
         RealtimeConfig,
         LiMoSegConfig,
+        Cylinder3DConfig,
     )
 }
 

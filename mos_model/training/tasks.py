@@ -51,9 +51,16 @@ class Task(ABC):
             segmentation_loss(logits, labels, self.weights), labels, torch.where(moving, MOVING, STATIC).to(torch.uint8)
         )
 
-    def to_device(self, arrays: list[np.ndarray]) -> Tensor:
-        """One tensor (B, ...) of equal arrays."""
-        return torch.from_numpy(np.stack(arrays)).to(self.device)
+    def to_device(self, arrays: list[np.ndarray], fill: float = 0) -> Tensor:
+        """One tensor (B, ...) of arrays that are equal, but for the length of lists of points: filled up at the end."""
+        longest = max(array.shape[-1] for array in arrays)
+        filled = [
+            np.pad(array, [(0, 0)] * (array.ndim - 1) + [(0, longest - array.shape[-1])], constant_values=fill)
+            if array.shape[-1] < longest
+            else array
+            for array in arrays
+        ]
+        return torch.from_numpy(np.stack(filled)).to(self.device)
 
 
 class ImageTask(Task):
@@ -67,7 +74,7 @@ class ImageTask(Task):
 
     def forward(self, trained: nn.Module, batch: list[Sample]) -> tuple[Tensor, Tensor]:
         """See `Task`."""
-        image = self.to_device([sample.image for sample in batch])  # (B, 5 + lags, H, W)
+        image = self.to_device([sample.image for sample in batch], fill=-1)  # (B, channels, H, W); no point has cell -1
         image = image.contiguous(memory_format=self.layout)
         return trained(image).logits, self.to_device([sample.labels for sample in batch])
 
@@ -91,7 +98,7 @@ class PointTask(Task):
     def forward(self, trained: nn.Module, batch: list[Sample]) -> tuple[Tensor, Tensor]:
         """See `Task`."""
         with torch.no_grad():
-            output = self.image_net(self.to_device([sample.image for sample in batch]))
+            output = self.image_net(self.to_device([sample.image for sample in batch], fill=-1))
         parts, xyz, scan, labels = [], [], [], []
         for b, sample in enumerate(batch):
             pixel = torch.from_numpy(sample.pixel).to(self.device, torch.int64)

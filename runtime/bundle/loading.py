@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from runtime.bundle.known_networks import check_network
 from runtime.bundle.manifest import (
+    CYLINDER_NET,
     IMAGE_NET,
     IMAGE_NET_INT8,
     MANIFEST,
@@ -24,7 +25,7 @@ from runtime.files import open_ordinary
 from runtime.typed_json import read_json
 
 DEFAULT_BUNDLE = "rt"
-LARGEST_HEAD = 1 << 28  # bytes of the weights of a point head, unpacked: three times the published one
+LARGEST_WEIGHTS = 1 << 28  # bytes of a file of weights, unpacked: more than all of the published ones
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,12 @@ class Bundle:
     manifest: Manifest
 
     def image_net(self, precision: str = "auto") -> Path:
-        """The ONNX file of a precision: "float32", "int8", or "auto": float where the bundle has it.
+        """The network's file of a precision: "float32", "int8", or "auto": float where the bundle has it.
 
         What suits the processor, `runtime.image.precision.choose_precision` says.
         """
-        available = {"float32": IMAGE_NET, "int8": IMAGE_NET_INT8}
-        available = {key: name for key, name in available.items() if name in self.manifest.files}
+        known = (("float32", IMAGE_NET), ("float32", CYLINDER_NET), ("int8", IMAGE_NET_INT8))
+        available = {key: name for key, name in known if name in self.manifest.files}
         wanted = precision if precision != "auto" else next(iter(available))
         if wanted not in available:
             raise BundleError(
@@ -49,18 +50,26 @@ class Bundle:
         return self.path / available[wanted]
 
     def point_head(self) -> dict[str, NDArray[np.generic]]:
-        """Weights of the point head, for `PointHeadEngine`. A kernel with a scale beside it is multiplied by that."""
-        path = self.path / POINT_HEAD
+        """Weights of the point head, for `PointHeadEngine`."""
+        return self._weights(POINT_HEAD, "a point head")
+
+    def cylinder_net(self) -> dict[str, NDArray[np.generic]]:
+        """Weights of a network that sees points in a cylinder, for `CylinderNet`."""
+        return self._weights(CYLINDER_NET, "a network")
+
+    def _weights(self, name: str, what: str) -> dict[str, NDArray[np.generic]]:
+        """Arrays of a file. A kernel with a scale beside it is multiplied by that."""
+        path = self.path / name
         try:
             with open_ordinary(path) as file, np.load(file, allow_pickle=False) as stored:
-                if (size := sum(entry.file_size for entry in stored.zip.infolist())) > LARGEST_HEAD:
-                    raise ValueError(f"it unpacks to {size:,} bytes, {LARGEST_HEAD:,} at most are known")
+                if (size := sum(entry.file_size for entry in stored.zip.infolist())) > LARGEST_WEIGHTS:
+                    raise ValueError(f"it unpacks to {size:,} bytes, {LARGEST_WEIGHTS:,} at most are known")
                 arrays = {key: stored[key] for key in stored.files}
             scales = {key.removesuffix(".scale"): arrays.pop(key) for key in list(arrays) if key.endswith(".scale")}
             for name, scale in scales.items():
                 arrays[f"{name}.weight"] = arrays[f"{name}.weight"].astype(np.float32) * scale
         except Exception as error:  # NumPy and Python raise almost anything over archives that are damaged
-            raise BundleError(f"{path}: holds no weights of a point head ({error}); get the bundle again") from error
+            raise BundleError(f"{path}: holds no weights of {what} ({error}); get the bundle again") from error
         return arrays
 
 

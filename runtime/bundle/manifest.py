@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from runtime.bundle.format_1 import upgraded
-from runtime.bundle.head_shape import PointHeadConfig
+from runtime.bundle.head_shape import WIDEST, PointHeadConfig
 from runtime.bundle.residual import Residual
-from runtime.bundle.view import BirdView, View
+from runtime.bundle.view import BirdView, CylinderView, View
 from runtime.classes import CLASSES
 from runtime.errors import BundleError, SettingError
 from runtime.sensors.range_image import RangeImage
@@ -20,11 +20,13 @@ FORMAT = 2
 MANIFEST = "manifest.json"
 IMAGE_NET = "image_net.onnx"
 IMAGE_NET_INT8 = "image_net_int8.onnx"
+CYLINDER_NET = "cylinder_net.npz"
 POINT_HEAD = "point_head.npz"
 POINT_HEAD_ONNX = "point_head.onnx"
 NETWORK_FILES = {  # and the precisions that they come in
     IMAGE_NET: ("float32", "float16"),
     IMAGE_NET_INT8: ("int8",),
+    CYLINDER_NET: ("float32", "float16"),
     POINT_HEAD: ("float32", "float16"),
     POINT_HEAD_ONNX: ("float32", "float16"),
 }
@@ -139,7 +141,8 @@ class Manifest:
     parity: Mapping[str, Any] = field(default_factory=dict)  # largest differences from PyTorch
     accuracy: Mapping[str, Any] = field(default_factory=dict)
     licence: str = "unknown"  # of the weights
-    bird: BirdView | None = None  # the network looks from above; None: from the sensor
+    bird: BirdView | None = None  # the network looks from above
+    cylinder: CylinderView | None = None  # the network sees points in a cylinder; neither: the view from the sensor
 
     @property
     def sensor(self) -> SensorEntry:
@@ -148,7 +151,7 @@ class Manifest:
 
     def view(self, sensor: SensorEntry) -> View:
         """What the network is shown of the scans of a sensor."""
-        return View(sensor.range_image, self.residual, self.bird)
+        return View(sensor.range_image, self.residual, self.bird, self.cylinder)
 
 
 def parse_manifest(values: Any, where: str) -> Manifest:
@@ -176,8 +179,15 @@ def _contradictions(manifest: Manifest) -> list[str]:
     wrong = []
     if not manifest.sensors:
         wrong.append("lists no sensor")
-    if not {IMAGE_NET, IMAGE_NET_INT8} & set(manifest.files):
+    images = {IMAGE_NET, IMAGE_NET_INT8} & set(manifest.files)
+    if manifest.cylinder is None and not images:
         wrong.append("lists no image network under 'files'")
+    if (manifest.cylinder is not None) != (CYLINDER_NET in manifest.files):
+        wrong.append(f"'cylinder' and the file {CYLINDER_NET} must both be there, or neither")
+    if manifest.cylinder is not None and (images or manifest.bird is not None):
+        wrong.append("a network that sees points in a cylinder has neither an image network nor a view from above")
+    if manifest.cylinder is not None and not 2 <= manifest.features <= WIDEST:
+        wrong.append(f"a network that sees points in a cylinder has 2 to {WIDEST} features, not {manifest.features}")
     for name, entry in manifest.files.items():
         if name not in NETWORK_FILES:
             wrong.append(f"file {name!r} is not one that a bundle holds")
@@ -194,4 +204,6 @@ def _contradictions(manifest: Manifest) -> list[str]:
         wrong.append(f"the point head takes {head.in_channels} features, the image network gives {manifest.features}")
     if manifest.postprocess not in CHOICES["postprocess"] or (manifest.postprocess == "head" and head is None):
         wrong.append(f"postprocess {manifest.postprocess!r} is unknown, or needs a point head that is not there")
+    if manifest.postprocess == "knn" and manifest.cylinder is not None:
+        wrong.append("postprocess 'knn' needs an image, and the network sees points")
     return wrong

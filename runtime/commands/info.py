@@ -50,6 +50,7 @@ def show_bundle(bundle: "Bundle") -> None:
         **_sensors(manifest.sensors),
         "normalisation": f"means {_numbers(image.mean)}; stds {_numbers(image.std)}",
         **({} if manifest.bird is None else {"view": f"from above, {_words(asdict(manifest.bird))}"}),
+        **({} if manifest.cylinder is None else {"view": f"points in a cylinder, {_words(asdict(manifest.cylinder))}"}),
         "residuals": f"{residual.kind}, lags {_numbers(residual.lags)}, {residual.min_range:g} to "
         f"{residual.max_range:g} m",
         "point head": "none" if head is None else _words(asdict(head)),

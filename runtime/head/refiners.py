@@ -106,6 +106,10 @@ def choose_refiner(
     name = settings.postprocess or manifest.postprocess
     if name == "none":
         return name, Pixels(decision)
+    if name == "knn" and manifest.cylinder is not None:
+        raise SettingError(
+            f"bundle {manifest.name!r} sees points, not pixels that could vote: choose postprocess 'none'"
+        )
     if name == "knn":
         return name, Vote(decision, workers)
     if manifest.point_head is None:

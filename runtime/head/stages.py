@@ -8,8 +8,8 @@ from runtime.bundle.choice import Choice
 from runtime.bundle.loading import Bundle
 from runtime.compute.sessions import provider_name
 from runtime.compute.workers import Workers
+from runtime.head.networks import Network, open_network
 from runtime.head.refiners import Refiner, choose_refiner
-from runtime.image.image_net import ImageNet
 from runtime.image.inputs import Inputs
 from runtime.image.making import make_inputs
 from runtime.recordings.poses import Pose, relative_pose
@@ -22,29 +22,29 @@ class Stages:
 
     choice: Choice
     inputs: Inputs
-    image_net: ImageNet
+    network: Network
     postprocess: str  # what `refiner` does
     refiner: Refiner
 
     @classmethod
     def of(cls, bundle: Bundle, choice: Choice, settings: RunnerSettings, precision: str, workers: Workers) -> "Stages":
-        """Lay out memory for a sensor and compile or load what is needed. Raises what `ImageNet.of` and
+        """Lay out memory for a sensor and compile or load what is needed. Raises what `open_network` and
         `choose_refiner` do."""
         sensor, carrier = choice.entry, (settings.nearest, settings.body)
         view = bundle.manifest.view(sensor)
         inputs = make_inputs(view, workers, sensor.reach, *carrier, choice.mounting)
-        image_net = ImageNet.of(
+        network = open_network(
             bundle,
             precision,
             view,
-            threads=workers.threads,
+            workers,
             providers=settings.providers,
             allow_fallback=settings.allow_fallback,
             session_options=settings.session_options,
         )
-        started = [one for one in settings.providers or () if provider_name(one) in image_net.providers]
+        started = [one for one in settings.providers or () if provider_name(one) in network.providers]
         postprocess, refiner = choose_refiner(bundle, sensor.decision, settings, workers, started)
-        return cls(choice, inputs, image_net, postprocess, refiner)
+        return cls(choice, inputs, network, postprocess, refiner)
 
     def serve(self, choice: Choice) -> bool:
         """Whether they are made for that sensor, mounted so."""

@@ -6,11 +6,11 @@ import numpy as np
 
 from runtime.bundle.known_networks import check_network, described
 from runtime.bundle.loading import Bundle
-from runtime.bundle.manifest import IMAGE_NET, IMAGE_NET_INT8, POINT_HEAD, POINT_HEAD_ONNX
+from runtime.bundle.manifest import CYLINDER_NET, IMAGE_NET, IMAGE_NET_INT8, POINT_HEAD, POINT_HEAD_ONNX
 from runtime.compute.workers import Workers
+from runtime.head.networks import open_network
 from runtime.head.numba_engine import PointHeadEngine
 from runtime.head.onnx_engine import OnnxHead
-from runtime.image.image_net import ImageNet
 
 
 def verify(bundle: Bundle) -> Iterator[tuple[str, str]]:
@@ -21,9 +21,10 @@ def verify(bundle: Bundle) -> Iterator[tuple[str, str]]:
         if name.endswith(".onnx"):
             for text in described(check_network(bundle.path / name)):
                 yield "", text
-        if name in (IMAGE_NET, IMAGE_NET_INT8):
-            net = ImageNet.of(bundle, "int8" if name == IMAGE_NET_INT8 else "float32", threads=1)
-            seen = net.run(np.zeros(manifest.view(manifest.sensor).shape, np.float32))
+        if name in (IMAGE_NET, IMAGE_NET_INT8, CYLINDER_NET):
+            view = manifest.view(manifest.sensor)
+            net = open_network(bundle, "int8" if name == IMAGE_NET_INT8 else "float32", view, workers)
+            seen = net.run(np.zeros(view.shape, np.float32))
             shapes = f"probabilities {seen.probabilities.shape} and features {seen.features.shape}"
             yield "", f"run with an empty image: {shapes}, finite"
         elif manifest.point_head is not None and name == POINT_HEAD:

@@ -19,12 +19,10 @@ from runtime.compute.workers import Workers
 from runtime.image.entry import Entered
 from runtime.image.history import Past
 from runtime.image.inputs import ImageInput, Inputs, Projected, normalised_remission
-from runtime.image.projection import nearest_range, pixel_scale
 from runtime.sensors.range_image import RangeImage
 
 FULL = 63  # points of a cell, at which its density is 1
 DENSITY = (np.log1p(np.arange(FULL + 1)) / math.log1p(FULL)).astype(np.float32)
-IDENTITY = np.eye(4, dtype=np.float32)[:3]
 
 
 @inlined
@@ -125,7 +123,6 @@ class BirdInputBuilder(Inputs):
         self._image = np.zeros((SCAN_CHANNELS + PAST_CHANNELS * len(residual.lags), bird.cells**2), np.float32)
         self._nearest = np.empty(bird.cells**2, np.float32)
         self._first = np.empty(bird.cells**2, np.int32)
-        self._range_image = range_image
 
     def project(self, scan: Entered, past: Sequence[Past | None]) -> Projected:
         """See `Inputs`."""
@@ -167,15 +164,6 @@ class BirdInputBuilder(Inputs):
             pixel=projected.pixel,
             distance=projected.distance,
         )
-
-    def range_image(self, scan: Entered) -> NDArray[np.float32]:
-        """See `Inputs`."""
-        image = self._range_image
-        nearest = np.empty(image.height * image.width, np.float32)
-        limits = np.float32(0), np.float32(np.inf)
-        nearest_range(scan.points[scan.takes_part], IDENTITY, pixel_scale(image), *limits, nearest)
-        nearest[np.isinf(nearest)] = 0
-        return nearest.reshape(image.height, image.width)
 
     def _of_past(self, task: int) -> NDArray[np.float32]:
         """The channels of the past scan that is shown as number `task`, from 1 on."""

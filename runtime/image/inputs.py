@@ -17,6 +17,8 @@ from runtime.image.projection import nearest_range, pixel_scale, project_scan
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.sensor import UNKNOWN_REACH
 
+IDENTITY = np.eye(4, dtype=np.float32)[:3]
+
 
 @dataclass(frozen=True)
 class Projected:
@@ -56,7 +58,7 @@ class Inputs(ABC):
         mounting: NDArray[np.float64] | None = None,
     ) -> None:
         """reach: m, of the sensor; farther points take no part, nor do those of the carrier: see `Entry`."""
-        self.workers, self._lags = workers, residual.lags
+        self.workers, self._lags, self._sensor_image = workers, residual.lags, range_image
         self._entry = Entry(range_image.mean[4], reach, workers, nearest, body, mounting)
         self._mean = np.asarray(range_image.mean, np.float32)
         self._std = np.asarray(range_image.std, np.float32)
@@ -80,12 +82,17 @@ class Inputs(ABC):
     def residuals(self, projected: Projected, past: Sequence[Past | None]) -> ImageInput:
         """The channels of the scan and those of its past."""
 
-    @abstractmethod
     def range_image(self, scan: Entered) -> NDArray[np.float32]:
         """(H, W) m, range of the nearest point of each pixel of the sensor, 0 where it is empty.
 
         scan: the one whose input was built last.
         """
+        image = self._sensor_image
+        nearest = np.empty(image.height * image.width, np.float32)
+        limits = np.float32(0), np.float32(np.inf)
+        nearest_range(scan.points[scan.takes_part], IDENTITY, pixel_scale(image), *limits, nearest)
+        nearest[np.isinf(nearest)] = 0
+        return nearest.reshape(image.height, image.width)
 
     def image_of(self, drive: Sequence[tuple[ArrayLike, NDArray[np.float64]]]) -> tuple[Entered, ImageInput]:
         """The last scan of a drive, each with its pose T_world_lidar, and the input that a runner makes of it."""

@@ -10,7 +10,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from runtime.bundle.known_networks import OPERATIONS, check_network
-from runtime.bundle.loading import LARGEST_HEAD, default_bundle_path, load_bundle
+from runtime.bundle.loading import LARGEST_WEIGHTS, default_bundle_path, load_bundle
 from runtime.bundle.manifest import IMAGE_NET, POINT_HEAD
 from runtime.bundle.wire import fields
 from runtime.commands.main import main
@@ -142,8 +142,8 @@ def bomb(size):
 
 
 def test_weights_that_unpack_to_more_than_they_may(bundle):
-    data = bomb(LARGEST_HEAD + (1 << 24))
-    assert len(data) < LARGEST_HEAD / 100
+    data = bomb(LARGEST_WEIGHTS + (1 << 24))
+    assert len(data) < LARGEST_WEIGHTS / 100
     loaded = load_bundle(with_file(bundle, POINT_HEAD, data))
     with pytest.raises(BundleError, match=r"point_head\.npz: .*unpacks to"):
         loaded.point_head()

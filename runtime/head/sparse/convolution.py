@@ -29,6 +29,7 @@ class Packed:
 
     panels: NDArray[np.float32]  # (K, columns / 16, rows, 16)
     bias: NDArray[np.float32]  # (columns,)
+    after: NDArray[np.float32] | None = None  # (2, columns) scale and shift behind a LeakyReLU; None: there is none
 
     @property
     def rows(self) -> int:
@@ -47,12 +48,15 @@ def padded(channels: int) -> int:
 
 
 def pack(
-    weight: NDArray[np.float32], bias: NDArray[np.float32] | None = None, parts: Sequence[int] | None = None
+    weight: NDArray[np.float32],
+    bias: NDArray[np.float32] | None = None,
+    parts: Sequence[int] | None = None,
+    after: NDArray[np.float32] | None = None,
 ) -> Packed:
     """Pack `weight` (K, in, out) or (in, out) and `bias` (out,), filled up with zeros to whole panels.
 
-    `parts` names the widths of concatenated inputs, each of which is filled up by itself (default: one). Raises
-    ScanError where they do not fit.
+    `parts` names the widths of concatenated inputs, each of which is filled up by itself (default: one). `after`
+    (2, out): scale and shift of a BatchNorm behind a LeakyReLU. Raises ScanError where they do not fit.
     """
     weight = np.asarray(weight, np.float32).reshape((-1, *weight.shape[-2:]))
     offsets, rows, columns = weight.shape
@@ -69,7 +73,13 @@ def pack(
     filled = np.zeros(full.shape[2], np.float32)
     if bias is not None:
         filled[:columns] = bias
-    return Packed(panels, filled)
+    if after is None:
+        return Packed(panels, filled)
+    if after.shape != (2, columns):
+        raise ScanError(f"a scale and a shift of {columns} channels must be (2, {columns}), not {after.shape}")
+    norm = np.zeros((2, full.shape[2]), np.float32)
+    norm[:, :columns] = after
+    return Packed(panels, filled, norm)
 
 
 class Layers:
@@ -102,11 +112,13 @@ class Layers:
             )
         return self._add(features, kernel_map, weights, out, residual, shortcut, relu)
 
-    def dense(self, features: NDArray[np.float32], weights: Packed, out: NDArray[np.float32]) -> NDArray[np.float32]:
+    def dense(
+        self, features: NDArray[np.float32], weights: Packed, out: NDArray[np.float32], relu: bool = True
+    ) -> NDArray[np.float32]:
         """Add a dense layer; arguments, result and errors as of the function `dense`."""
         count = len(out)
         no_map = KernelMap(_NOTHING, _NOTHING, _NOTHING.reshape(0, 1), tile_size(count, self.workers), 0, count, 0)
-        return self._add(features, no_map, _NO_WEIGHTS, out, None, (features, weights), True)
+        return self._add(features, no_map, _NO_WEIGHTS, out, None, (features, weights), relu)
 
     def run(self) -> None:
         """Compute all layers that were added, and forget them."""
@@ -152,6 +164,7 @@ class Layers:
             "side_weights": address(side_weights.panels),
             "side_depth": 0 if shortcut is None else side_weights.rows,
             "bias": address(bias),
+            "after": 0 if weights.after is None else address(weights.after),
             "residual": 0 if residual is None else address(residual),
             "residual_length": 0 if residual is None else _row_length(residual),
             "out": address(out), "out_length": _row_length(out), "relu": int(relu),
@@ -181,7 +194,8 @@ def convolve(
 
     `features` (V_in, rows), `out` (V_out, columns) and `residual` (V_out, columns) are float32 with filled-up
     widths and contiguous rows; they may be columns of a wider array, so that a concatenation needs no copy.
-    `shortcut`: features (V_out, c) and the weights of a dense layer, added before ReLU. `out` may be the
+    `shortcut`: features (V_out, c) and the weights of a dense layer, added before ReLU. Weights with an `after` pass
+    their sums through LeakyReLU, scale and shift before the residual is added. `out` may be the
     residual, but none of the other inputs. Returns `out`. Raises ScanError where an array does not fit, and where the
     map names rows that there are not: the engines, which make their maps themselves, use `Layers`.
     """

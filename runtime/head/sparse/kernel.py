@@ -18,6 +18,7 @@ LANES = 16  # output channels of one panel; channel counts are filled up to a mu
 # Pairs are taken in threes and twos of this many: 6 and 4 rows fill 16 vector registers, 12 and 8 rows 32. It
 # depends on the features that Numba compiles for, as its cache of compiled code does.
 UNIT = 4 if "+avx512f" in target()[2] else 2
+SLOPE = 0.01  # of LeakyReLU, below 0
 UNROLL = 4  # input channels per turn of the innermost loop; divides LANES
 
 
@@ -25,12 +26,12 @@ UNROLL = 4  # input channels per turn of the innermost loop; divides LANES
 FIELDS = (
     "source", "row_length", "weights", "depth", "panels", "offsets", "inputs", "outputs", "starts",
     "side", "side_length", "side_weights", "side_depth", "bias",
-    "residual", "residual_length", "out", "out_length", "relu", "tile", "count", "blocks",
+    "after", "residual", "residual_length", "out", "out_length", "relu", "tile", "count", "blocks",
 )  # fmt: skip
 (
     SOURCE, ROW_LENGTH, WEIGHTS, DEPTH, PANELS, OFFSETS, INPUTS, OUTPUTS, STARTS,
     SIDE, SIDE_LENGTH, SIDE_WEIGHTS, SIDE_DEPTH, BIAS,
-    RESIDUAL, RESIDUAL_LENGTH, OUT, OUT_LENGTH, RELU, TILE, COUNT, BLOCKS,
+    AFTER, RESIDUAL, RESIDUAL_LENGTH, OUT, OUT_LENGTH, RELU, TILE, COUNT, BLOCKS,
 ) = range(len(FIELDS))  # fmt: skip
 
 _WORD, _INDEX, _VECTOR = ir.IntType(32), ir.IntType(64), ir.VectorType(ir.FloatType(), LANES)
@@ -98,24 +99,37 @@ _three_units, _two_units = _block(3 * UNIT), _block(2 * UNIT)
 
 
 @compiled
-def _finish(context, sums, residual, out, relu):  # type: ignore[no-untyped-def]
-    """Store 16 channels of an output: their sums, plus the residual (address 0: none), and ReLU if asked."""
+def _finish(context, sums, scale, shift, residual, out, relu):  # type: ignore[no-untyped-def]
+    """Store 16 channels of an output: their sums, plus the residual (address 0: none), and ReLU if asked.
+
+    scale, shift: addresses, of what LeakyReLU of the sums is multiplied by, and what is added, before the residual; 0
+    as the scale: neither.
+    """
 
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        sums, residual, out = (builder.inttoptr(address, _VECTOR.as_pointer()) for address in args[:3])
+        sums, scale, shift, residual, out = (builder.inttoptr(one, _VECTOR.as_pointer()) for one in args[:5])
         total = builder.load(sums, align=4)
         before = builder.block
         with builder.if_then(builder.icmp_signed("!=", args[1], _INDEX(0))):
-            added = builder.fadd(total, builder.load(residual, align=4))
+            small = builder.fmul(total, ir.Constant(_VECTOR, [SLOPE] * LANES))
+            leaky = builder.select(builder.fcmp_ordered("<", total, _ZERO), small, total)  # NaN stays NaN
+            normed = builder.fadd(builder.fmul(leaky, builder.load(scale, align=4)), builder.load(shift, align=4))
             inside = builder.block
         value = builder.phi(_VECTOR)
         value.add_incoming(total, before)
-        value.add_incoming(added, inside)
-        positive = builder.select(builder.fcmp_ordered("<", value, _ZERO), _ZERO, value)  # NaN stays NaN
-        builder.store(builder.select(args[3], positive, value), out, align=4)
+        value.add_incoming(normed, inside)
+        before = builder.block
+        with builder.if_then(builder.icmp_signed("!=", args[3], _INDEX(0))):
+            added = builder.fadd(value, builder.load(residual, align=4))
+            inside = builder.block
+        total = builder.phi(_VECTOR)
+        total.add_incoming(value, before)
+        total.add_incoming(added, inside)
+        positive = builder.select(builder.fcmp_ordered("<", total, _ZERO), _ZERO, total)
+        builder.store(builder.select(args[5], positive, total), out, align=4)
         return context.get_dummy_value()
 
-    return types.void(types.intp, types.intp, types.intp, types.boolean), generate
+    return types.void(*[types.intp] * 5, types.boolean), generate
 
 
 @compiled
@@ -197,10 +211,13 @@ def _run_task(layer, task, sums, ahead, here):  # type: ignore[no-untyped-def]
             last - first, layer[SIDE_WEIGHTS] + 64 * layer[SIDE_DEPTH] * first,
             ahead.ctypes.data, here.ctypes.data, filled, sums, sums_size,
         )  # fmt: skip
+    shift = layer[AFTER] + 64 * panels  # behind the scales
     for r in range(number):
         for p in range(first, last):
             _finish(
                 sums + (p - first) * sums_size + r * 64,
+                layer[AFTER] + p * 64 if layer[AFTER] else 0,
+                shift + p * 64,
                 layer[RESIDUAL] + 4 * ((low + r) * layer[RESIDUAL_LENGTH] + p * 16) if layer[RESIDUAL] else 0,
                 layer[OUT] + 4 * ((low + r) * layer[OUT_LENGTH] + p * 16),
                 layer[RELU] != 0,

@@ -33,7 +33,20 @@ from tests.support.training import IMAGE, Patches
 
 
 def test_names_of_mos_train() -> None:
-    assert set(names()) == {"lmnet", "b", "c", "d", "e", "v1", "v2", "v2-lite", "rt", "rt-head", "limoseg"}
+    assert set(names()) == {
+        "lmnet",
+        "b",
+        "c",
+        "d",
+        "e",
+        "v1",
+        "v2",
+        "v2-lite",
+        "rt",
+        "rt-head",
+        "limoseg",
+        "cylinder3d",
+    }
     (row,) = re.findall(r"^\| `--config` \|(.+)$", (ROOT / "mos_model" / "README.md").read_text(), re.MULTILINE)
     assert re.findall(r"`([\w-]+)`", row) == names()
 

@@ -1,0 +1,235 @@
+"""Cylinder3D from training to labels: it learns what has moved, its bundle runs, and odd scans are no trouble."""
+
+import json
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from export.bundle import parity
+from export.bundle.cylinder_weights import cylinder_arrays
+from export.convert import Export, export_checkpoint
+from mos_model.data.dataset import Frame, Sample, SampleConfig, make_samples
+from mos_model.networks.checkpoint import load, save
+from mos_model.networks.registry import named_config
+from mos_model.networks.sparse import SparseConv
+from mos_model.simulator import simulate
+from mos_model.training.distributed import Ranks
+from mos_model.training.progress import Display
+from mos_model.training.recipe import recipe
+from mos_model.training.tasks import ImageTask
+from mos_model.training.trainer import Limits, Trainer
+from runtime.bundle.head_shape import PointHeadConfig
+from runtime.bundle.loading import load_bundle
+from runtime.bundle.manifest import CYLINDER_NET, MANIFEST
+from runtime.bundle.view import CylinderView
+from runtime.classes import MOVING, STATIC
+from runtime.commands.main import main
+from runtime.compute.workers import Workers
+from runtime.errors import BundleError, InferenceError, ProviderError, SettingError
+from runtime.evaluation.confusion import Confusion
+from runtime.head.cylinder.cylinder_net import CylinderNet
+from runtime.runner import MosRunner
+from runtime.sensors.registry import SENSORS
+from tests.mos_model.networks.test_limoseg import drive
+
+CYLINDER = CylinderView(rings=32, sectors=48, layers=8, radius=20.0, bottom=-2.0, top=2.0)
+HEAD = PointHeadConfig(in_channels=4, down=(8, 16), up=(16, 8), fuse_after_up=None, dropout=0.0, voxel_size=0.5)
+CONFIG = named_config("cylinder3d", 4, cylinder=CYLINDER, point_head=HEAD)
+
+
+@dataclass(frozen=True)
+class Drives:
+    """A sample of each of some drives, of which every second has lost points."""
+
+    samples: SampleConfig
+    group_size: int = 4
+
+    def group(self, number: int) -> list[Sample]:
+        """See `Source`."""
+        return [self._sample(seed) for seed in range(4 * number, 4 * number + 4)]
+
+    def _sample(self, seed: int) -> Sample:
+        before, last = drive(2, seed)
+        rest = len(last.points) - 50 * (seed % 2)
+        last = Frame(last.points[:rest], last.pose, last.classes[:rest])
+        return make_samples([before, last], self.samples, np.random.default_rng(seed))[0]
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A checkpoint whose network was trained; its point head is random."""
+    folder = tmp_path_factory.mktemp("cylinder3d")
+    steps = recipe("sim2real", steps=100, batch=4, crop=0, mix=1, warmup=5, ema=0.9, precision="fp32")
+    torch.manual_seed(0)
+    task = ImageTask(CONFIG, torch.tensor([0.0, 1.0, 3.0]), torch.device("cpu"))
+    trainer = Trainer(
+        task, steps, Drives(SampleConfig.of(CONFIG)), None, folder, ranks=Ranks(torch.device("cpu")), workers=0
+    )
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # more would wait for each other
+    with Display(folder, quiet=True) as display:
+        trainer.run(Limits(), display)
+    torch.set_num_threads(threads)
+    found = load(folder / "last.pt")
+    assert found.config == replace(CONFIG, point_head=None)
+    save(folder / "checkpoint.pt", CONFIG, found.image_net, CONFIG.build_point_head(), {"trained": True})
+    return folder / "checkpoint.pt"
+
+
+@pytest.fixture(scope="module")
+def exported(trained: Path) -> Export:
+    """Its bundle. The gate's scan has a tenth of the sensor's columns, to be quick."""
+    thin = replace(SENSORS["hdl64e"], azimuth_steps=200)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(parity, "simulate", lambda seed, frames, _, **more: simulate(seed, frames, thin, **more))
+        return export_checkpoint(trained, trained.parent / "bundle")
+
+
+def test_it_learns_what_has_moved(exported: Export) -> None:
+    """The mover of drives that it has not seen, by the runner; the first scan has no past to tell it from."""
+    found = Confusion()
+    with MosRunner(exported.bundle.path, threads=1, postprocess="none") as runner:
+        for seed in range(1000, 1006):
+            runner.reset()
+            frames = drive(3, seed)
+            *_, last = (runner(frame.points, frame.pose).moving for frame in frames)
+            found.add(frames[-1].classes, np.where(last, MOVING, STATIC))
+    assert found.iou > 0.5
+
+
+def test_the_bundle_is_the_network(exported: Export) -> None:
+    manifest = exported.bundle.manifest
+    assert (manifest.network, manifest.cylinder, manifest.postprocess) == ("cylinder3d", CYLINDER, "head")
+    assert exported.parity.worst() < 1e-5
+    assert exported.parity.point_head is not None
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_any_weights_give_what_pytorch_gives(threads: int) -> None:
+    """BatchNorms too that are none of a new network; widths that fill no whole panel; two past scans."""
+    config = replace(CONFIG, channels=10, point_head=None, residual=replace(CONFIG.residual, lags=(1, 2)))
+    torch.manual_seed(1)
+    network = config.build_image_network().eval()
+    for layer in network.modules():
+        if isinstance(layer, nn.BatchNorm1d):
+            nn.init.normal_(layer.weight, 1, 0.5)
+            for values in (layer.bias, layer.running_mean):
+                nn.init.normal_(values, 0, 0.3)
+            nn.init.uniform_(layer.running_var, 0.3, 1)
+        elif isinstance(layer, SparseConv):
+            layer.kernel.data *= 2  # few of its pairs are there
+    samples = SampleConfig.of(config)
+    image = make_samples(drive(3), samples, np.random.default_rng(0))[0].image
+    with torch.no_grad():
+        want = network(torch.from_numpy(image[None]))
+    net = CylinderNet(cylinder_arrays(network, 10, half=False), CYLINDER, 10, Workers(threads))
+    for _ in range(2):  # buffers are used again
+        seen = net.run(image)
+        np.testing.assert_allclose(seen.probabilities, want.logits.softmax(1)[0].numpy(), atol=1e-5)
+        assert seen.probabilities[MOVING].std() > 0.01
+        scale = float(want.features.abs().max())
+        np.testing.assert_allclose(seen.features / scale, want.features[0].numpy() / scale, atol=1e-5)
+    assert net.multiply_adds > 0
+
+
+@pytest.mark.parametrize("postprocess", ["none", "head"])
+def test_odd_scans(exported: Export, postprocess: str) -> None:
+    """Empty, one point, all in one cell, all out of the cylinder, and as the first of a sequence or not."""
+    ordinary = drive(1)[0].points
+    crowd = np.tile(ordinary[:1], (5000, 1))
+    far = ordinary + np.float32([100, 0, 0, 0])
+    high = ordinary + np.float32([0, 0, 40, 0])
+    with MosRunner(exported.bundle.path, threads=2, postprocess=postprocess, refine="all") as runner:
+        for first in (False, True):
+            for points in (ordinary[:0], ordinary[:1], crowd, far, high, ordinary):
+                if first:
+                    runner.reset()
+                result = runner(points, np.eye(4))
+                assert result.moving.shape == result.probability.shape == (len(points),)
+                assert ((result.probability >= 0) & (result.probability <= 1)).all()
+                if points is far or points is high:
+                    assert not result.moving.any()
+                    assert not result.probability.any()
+
+
+def test_training_on_odd_scans_and_crops() -> None:
+    """Empty lists, one point, and points of some sectors; a loss and gradients that are finite."""
+    samples = SampleConfig.of(CONFIG, crop=16, crop_on_moving=1.0, points=True)
+    rng = np.random.default_rng(0)
+    (crop,) = make_samples(drive(2), samples, rng)
+    sectors = crop.image[10, 0].astype(int) // CYLINDER.layers % CYLINDER.sectors
+    assert len(np.unique(sectors)) <= 16
+    assert (crop.labels == MOVING).any()
+    np.testing.assert_array_equal(crop.labels[0, crop.pixel], crop.classes)
+    ordinary, *_ = drive(1)
+    few = [Frame(ordinary.points[:n], ordinary.pose, ordinary.classes[:n]) for n in (0, 1)]
+    batch = [crop, *(make_samples([frame], SampleConfig.of(CONFIG), rng)[0] for frame in few)]
+    task = ImageTask(CONFIG, torch.tensor([0.0, 1.0, 3.0]), torch.device("cpu"))
+    for some in (batch, batch[1:2]):
+        loss = task.score(task.trained.train(), some).loss.total
+        loss.backward()
+        assert torch.isfinite(loss)
+
+
+def test_what_it_cannot_do_is_said(exported: Export, trained: Path) -> None:
+    path = exported.bundle.path
+    with pytest.raises(SettingError, match="points, not pixels"):
+        MosRunner(path, threads=1, postprocess="knn")
+    with pytest.raises(BundleError, match="int8"):
+        MosRunner(path, threads=1, precision="int8")
+    with pytest.raises(ProviderError, match="runs on the processor"):
+        MosRunner(path, threads=1, providers=["CUDAExecutionProvider"])
+    with pytest.raises(SettingError, match="8-bit integers"):
+        export_checkpoint(trained, trained.parent / "other", precision="int8")
+    assert not (trained.parent / "other").exists()
+    net = CylinderNet(exported.bundle.cylinder_net(), CYLINDER, 4, Workers(1))
+    with pytest.raises(InferenceError, match="takes"):
+        net.run(np.zeros((9, 1, 5), np.float32))
+
+
+def test_info_runs_it_once(exported: Export, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", "--verify", str(exported.bundle.path)]) == 0
+    assert "points in a cylinder" in capfd.readouterr().out
+
+
+CHANGES = {
+    "no cylinder": {"cylinder": None},
+    "too large": {"cylinder": {"rings": 1 << 20, "sectors": 1 << 20}},
+    "no number": {"cylinder": {"radius": "50"}},
+    "from above too": {"bird": {}},
+    "no features": {"features": 0, "point_head": None},
+    "features without end": {"features": 1 << 40},
+    "a vote": {"postprocess": "knn"},
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_manifests_of_strangers(exported: Export, tmp_path: Path, change: dict[str, object]) -> None:
+    bundle = shutil.copytree(exported.bundle.path, tmp_path / "bundle")
+    values = json.loads((bundle / MANIFEST).read_text())
+    (bundle / MANIFEST).write_text(json.dumps({**values, **change}))
+    with pytest.raises(BundleError, match=MANIFEST):
+        load_bundle(bundle)
+
+
+def test_weights_of_strangers(exported: Export) -> None:
+    """Missing, misshapen, not finite, or of another width."""
+    weights = exported.bundle.cylinder_net()
+    name = "down2.pool.weight"
+    spoilt = {
+        "is missing": {key: value for key, value in weights.items() if key != name},
+        "not floats of shape": {**weights, name: weights[name][:, :3]},
+        "is not finite": {**weights, name: np.full_like(weights[name], np.nan)},
+        "is unknown": {**weights, "more": weights[name]},
+    }
+    for text, values in spoilt.items():
+        with pytest.raises(BundleError, match=text):
+            CylinderNet(values, CYLINDER, 4, Workers(1))
+    with pytest.raises(BundleError, match="8 channels"):
+        CylinderNet(weights, CYLINDER, 8, Workers(1))
+    assert CYLINDER_NET in exported.bundle.manifest.files
