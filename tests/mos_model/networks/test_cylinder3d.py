@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,96 +10,42 @@ import pytest
 import torch
 from torch import nn
 
-from export.bundle import parity
 from export.bundle.cylinder_weights import cylinder_arrays
 from export.convert import Export, export_checkpoint
-from mos_model.data.dataset import Frame, Sample, SampleConfig, make_samples
-from mos_model.networks.checkpoint import load, save
+from mos_model.data.dataset import Frame, SampleConfig, make_samples
 from mos_model.networks.registry import named_config
 from mos_model.networks.sparse import SparseConv
-from mos_model.simulator import simulate
-from mos_model.training.distributed import Ranks
-from mos_model.training.progress import Display
-from mos_model.training.recipe import recipe
 from mos_model.training.tasks import ImageTask
-from mos_model.training.trainer import Limits, Trainer
 from runtime.bundle.head_shape import PointHeadConfig
 from runtime.bundle.loading import load_bundle
 from runtime.bundle.manifest import CYLINDER_NET, MANIFEST
 from runtime.bundle.view import CylinderView
-from runtime.classes import MOVING, STATIC
+from runtime.classes import MOVING
 from runtime.commands.main import main
 from runtime.compute.workers import Workers
 from runtime.errors import BundleError, InferenceError, ProviderError, SettingError
-from runtime.evaluation.confusion import Confusion
 from runtime.head.cylinder.cylinder_net import CylinderNet
 from runtime.runner import MosRunner
-from runtime.sensors.registry import SENSORS
-from tests.mos_model.networks.test_limoseg import drive
+from tests.support.learning import check_odd_scans, drive, export_quickly, iou_of_new_drives, train
 
 CYLINDER = CylinderView(rings=32, sectors=48, layers=8, radius=20.0, bottom=-2.0, top=2.0)
 HEAD = PointHeadConfig(in_channels=4, down=(8, 16), up=(16, 8), fuse_after_up=None, dropout=0.0, voxel_size=0.5)
 CONFIG = named_config("cylinder3d", 4, cylinder=CYLINDER, point_head=HEAD)
 
 
-@dataclass(frozen=True)
-class Drives:
-    """A sample of each of some drives, of which every second has lost points."""
-
-    samples: SampleConfig
-    group_size: int = 4
-
-    def group(self, number: int) -> list[Sample]:
-        """See `Source`."""
-        return [self._sample(seed) for seed in range(4 * number, 4 * number + 4)]
-
-    def _sample(self, seed: int) -> Sample:
-        before, last = drive(2, seed)
-        rest = len(last.points) - 50 * (seed % 2)
-        last = Frame(last.points[:rest], last.pose, last.classes[:rest])
-        return make_samples([before, last], self.samples, np.random.default_rng(seed))[0]
-
-
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A checkpoint whose network was trained; its point head is random."""
-    folder = tmp_path_factory.mktemp("cylinder3d")
-    steps = recipe("sim2real", steps=100, batch=4, crop=0, mix=1, warmup=5, ema=0.9, precision="fp32")
-    torch.manual_seed(0)
-    task = ImageTask(CONFIG, torch.tensor([0.0, 1.0, 3.0]), torch.device("cpu"))
-    trainer = Trainer(
-        task, steps, Drives(SampleConfig.of(CONFIG)), None, folder, ranks=Ranks(torch.device("cpu")), workers=0
-    )
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # more would wait for each other
-    with Display(folder, quiet=True) as display:
-        trainer.run(Limits(), display)
-    torch.set_num_threads(threads)
-    found = load(folder / "last.pt")
-    assert found.config == replace(CONFIG, point_head=None)
-    save(folder / "checkpoint.pt", CONFIG, found.image_net, CONFIG.build_point_head(), {"trained": True})
-    return folder / "checkpoint.pt"
+    """Of lists of points of unequal lengths."""
+    return train(CONFIG, tmp_path_factory.mktemp("cylinder3d"), lost=50, steps=100, precision="fp32")
 
 
 @pytest.fixture(scope="module")
 def exported(trained: Path) -> Export:
-    """Its bundle. The gate's scan has a tenth of the sensor's columns, to be quick."""
-    thin = replace(SENSORS["hdl64e"], azimuth_steps=200)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(parity, "simulate", lambda seed, frames, _, **more: simulate(seed, frames, thin, **more))
-        return export_checkpoint(trained, trained.parent / "bundle")
+    return export_quickly(trained)
 
 
 def test_it_learns_what_has_moved(exported: Export) -> None:
-    """The mover of drives that it has not seen, by the runner; the first scan has no past to tell it from."""
-    found = Confusion()
-    with MosRunner(exported.bundle.path, threads=1, postprocess="none") as runner:
-        for seed in range(1000, 1006):
-            runner.reset()
-            frames = drive(3, seed)
-            *_, last = (runner(frame.points, frame.pose).moving for frame in frames)
-            found.add(frames[-1].classes, np.where(last, MOVING, STATIC))
-    assert found.iou > 0.5
+    assert iou_of_new_drives(exported.bundle.path) > 0.5
 
 
 def test_the_bundle_is_the_network(exported: Export) -> None:
@@ -139,22 +85,7 @@ def test_any_weights_give_what_pytorch_gives(threads: int) -> None:
 
 @pytest.mark.parametrize("postprocess", ["none", "head"])
 def test_odd_scans(exported: Export, postprocess: str) -> None:
-    """Empty, one point, all in one cell, all out of the cylinder, and as the first of a sequence or not."""
-    ordinary = drive(1)[0].points
-    crowd = np.tile(ordinary[:1], (5000, 1))
-    far = ordinary + np.float32([100, 0, 0, 0])
-    high = ordinary + np.float32([0, 0, 40, 0])
-    with MosRunner(exported.bundle.path, threads=2, postprocess=postprocess, refine="all") as runner:
-        for first in (False, True):
-            for points in (ordinary[:0], ordinary[:1], crowd, far, high, ordinary):
-                if first:
-                    runner.reset()
-                result = runner(points, np.eye(4))
-                assert result.moving.shape == result.probability.shape == (len(points),)
-                assert ((result.probability >= 0) & (result.probability <= 1)).all()
-                if points is far or points is high:
-                    assert not result.moving.any()
-                    assert not result.probability.any()
+    check_odd_scans(exported.bundle.path, postprocess)
 
 
 def test_training_on_odd_scans_and_crops() -> None:

@@ -7,14 +7,11 @@ from runtime.bundle.residual import Residual
 from runtime.bundle.view import BirdView, View
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
-from runtime.image.history import Past
-from runtime.image.inputs import InputBuilder
 from runtime.image.making import make_inputs
-from runtime.sensors.range_image import RangeImage
 from tests.support.reference_bird import cell_of, input_image
+from tests.support.views import IMAGE, build, check_range_image
 
 BIRD = BirdView(cells=64, cell_size=0.5, bottom=-2.0, top=2.0)
-IMAGE = RangeImage(16, 64)
 
 
 def made(lags=(1,), threads=1, bird=BIRD):
@@ -35,10 +32,6 @@ def moved(seed):
     pose[:2, :2] = [[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]
     pose[:3, 3] = rng.uniform(-1, 1, 3)
     return pose
-
-
-def build(inputs, points, past=()):
-    return inputs.build(inputs.enter(points), [None if one is None else Past(*one) for one in past])
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -121,12 +114,7 @@ def test_no_past_is_zero_and_scans_are_not_written():
 
 
 def test_the_range_image_is_that_of_the_sensor():
-    points = scan(3)
-    points[::7] = np.nan
-    inputs, sensors = made(), InputBuilder(IMAGE, Residual((1,)), Workers(1))
-    build(inputs, points)
-    want = build(sensors, points).nearest
-    np.testing.assert_array_equal(inputs.range_image(inputs.enter(points)), want)
+    check_range_image(made(), scan(3))
 
 
 @pytest.mark.parametrize(

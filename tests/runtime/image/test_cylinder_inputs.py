@@ -7,14 +7,11 @@ from runtime.bundle.residual import Residual
 from runtime.bundle.view import BirdView, CylinderView, View
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
-from runtime.image.history import Past
-from runtime.image.inputs import InputBuilder
 from runtime.image.making import make_inputs
-from runtime.sensors.range_image import RangeImage
 from tests.support.reference_cylinder import channels_of, place_of
+from tests.support.views import IMAGE, build, check_range_image
 
 VIEW = CylinderView(rings=20, sectors=36, layers=8, radius=15.0, bottom=-2.0, top=2.0)
-IMAGE = RangeImage(16, 64)
 
 
 def made(lags=(1,), threads=1):
@@ -32,10 +29,6 @@ def moved(angle, *shift):
     pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     pose[:3, 3] = shift
     return pose
-
-
-def build(inputs, points, past=()):
-    return inputs.build(inputs.enter(points), [None if one is None else Past(*one) for one in past])
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -84,13 +77,7 @@ def test_few_points_and_no_past():
 
 
 def test_scans_are_not_written_and_the_range_image_is_that_of_the_sensor():
-    points = scan(3)
-    points[::7] = np.nan
-    points.setflags(write=False)
-    inputs, sensors = made(), InputBuilder(IMAGE, Residual((1,)), Workers(1))
-    build(inputs, points)
-    want = build(sensors, points).nearest
-    np.testing.assert_array_equal(inputs.range_image(inputs.enter(points)), want)
+    check_range_image(made(), scan(3))
 
 
 @pytest.mark.parametrize(
