@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.compute.arena import Arena
-from runtime.compute.jit import kernel
+from runtime.compute.jit import inlined, kernel
 from runtime.compute.workers import Workers
 from runtime.head.sparse.kernel_map import KernelMap, table_map
 
@@ -86,6 +86,36 @@ def kernel_map(
     return table_map(table, count_in, arena, workers, name)
 
 
+@inlined
+def _place(cell, size):  # type: ignore[no-untyped-def]
+    """Ring, sector and layer of a cell by its number."""
+    rest, w = divmod(cell, size[2])
+    u, v = divmod(rest, size[1])
+    return u, v, w
+
+
+@inlined
+def _number_of(x, y, z, size):  # type: ignore[no-untyped-def]
+    """The number of the cell at a place, -1: there is none."""
+    inside = 0 <= x < size[0] and 0 <= y < size[1] and 0 <= z < size[2]
+    return (x * size[1] + y) * size[2] + z if inside else -1
+
+
+@inlined
+def _above_number(a, b, c, stride, size):  # type: ignore[no-untyped-def]
+    """The number of the cell o of the next scale for which stride * o is (a, b, c), -1: there is none."""
+    x, y, z = a // stride[0], b // stride[1], c // stride[2]
+    whole = x * stride[0] == a and y * stride[1] == b and z * stride[2] == c
+    return _number_of(x, y, z, size) if whole else -1
+
+
+@inlined
+def _row(number, rows, none):  # type: ignore[no-untyped-def]
+    """The row of an occupied cell, `none` of others."""
+    row = rows[number] if number >= 0 else -1
+    return row if row >= 0 else none
+
+
 @kernel
 def _mark(numbers, rows):  # type: ignore[no-untyped-def]
     for i in range(numbers.size):
@@ -112,46 +142,34 @@ def _number(rows):  # type: ignore[no-untyped-def]
 def _mark_above(cells, size, stride, above, rows):  # type: ignore[no-untyped-def]
     """Marks the cells o of the next scale for which stride * o + offset is one of `cells`."""
     for i in range(cells.size):
-        rest, w = divmod(cells[i], size[2])
-        u, v = divmod(rest, size[1])
+        u, v, w = _place(cells[i], size)
         for a in range(max(u - 1, 0), u + 2):
             for b in range(max(v - 1, 0), v + 2):
                 for c in range(max(w - 1, 0), w + 2):
-                    x, y, z = a // stride[0], b // stride[1], c // stride[2]
-                    whole = x * stride[0] == a and y * stride[1] == b and z * stride[2] == c
-                    if whole and x < above[0] and y < above[1] and z < above[2]:
-                        rows[(x * above[1] + y) * above[2] + z] = 0
+                    number = _above_number(a, b, c, stride, above)
+                    if number >= 0:
+                        rows[number] = 0
 
 
 @kernel
 def _below(cells, size, rows, size_in, stride, none, start, stop, table):  # type: ignore[no-untyped-def]
     for i in range(start, stop):
-        rest, w = divmod(cells[i], size[2])
-        u, v = divmod(rest, size[1])
+        u, v, w = _place(cells[i], size)
         k = 0
         for a in range(u * stride[0] - 1, u * stride[0] + 2):
             for b in range(v * stride[1] - 1, v * stride[1] + 2):
                 for c in range(w * stride[2] - 1, w * stride[2] + 2):
-                    row = -1
-                    if 0 <= a < size_in[0] and 0 <= b < size_in[1] and 0 <= c < size_in[2]:
-                        row = rows[(a * size_in[1] + b) * size_in[2] + c]
-                    table[i, k] = row if row >= 0 else none
+                    table[i, k] = _row(_number_of(a, b, c, size_in), rows, none)
                     k += 1
 
 
 @kernel
 def _above(cells, size, rows, size_in, stride, none, start, stop, table):  # type: ignore[no-untyped-def]
     for i in range(start, stop):
-        rest, w = divmod(cells[i], size[2])
-        u, v = divmod(rest, size[1])
+        u, v, w = _place(cells[i], size)
         k = 0
         for a in range(u + 1, u - 2, -1):
             for b in range(v + 1, v - 2, -1):
                 for c in range(w + 1, w - 2, -1):
-                    x, y, z = a // stride[0], b // stride[1], c // stride[2]
-                    whole = x * stride[0] == a and y * stride[1] == b and z * stride[2] == c
-                    row = -1
-                    if whole and 0 <= x < size_in[0] and 0 <= y < size_in[1] and 0 <= z < size_in[2]:
-                        row = rows[(x * size_in[1] + y) * size_in[2] + z]
-                    table[i, k] = row if row >= 0 else none
+                    table[i, k] = _row(_above_number(a, b, c, stride, size_in), rows, none)
                     k += 1
