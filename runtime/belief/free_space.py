@@ -25,7 +25,7 @@ STRIDE = 4  # scans between those that are looked at
 LATER = 8  # scans after that of a point: the last that is looked at, where a delay allows
 ASIDE, PER_METRE = np.float32(0.3), np.float32(0.01)  # m, and of the range: returns as near in range are from there
 ACROSS = 2  # columns to each side of a place whose returns count; rows may be degrees apart, so only its own does
-_THROUGH, _ENDED, _UNSEEN = 0, 1, 2
+THROUGH, ENDED, UNSEEN = 0, 1, 2  # what a look at a place says
 _GRAIN = 4 * BLOCK  # points per task
 
 
@@ -115,6 +115,15 @@ class FreeSpace:
 
 
 @inlined
+def look(nearest, distance):  # type: ignore[no-untyped-def]
+    """What the nearest return (m, infinity: none) in the direction of a place says of it, `distance` m away."""
+    near = ASIDE + PER_METRE * distance
+    if nearest == np.float32(np.inf) or nearest < distance - near:
+        return UNSEEN
+    return THROUGH if nearest > distance + near else ENDED
+
+
+@inlined
 def _state(image, pixel, distance):  # type: ignore[no-untyped-def]
     """What a range image (H, W) says of a place: by the nearest return in its pixel and those beside it.
 
@@ -123,16 +132,13 @@ def _state(image, pixel, distance):  # type: ignore[no-untyped-def]
     height, width = image.shape
     row = pixel // width
     if pixel < 0 or row == 0 or row == height - 1:
-        return _UNSEEN
+        return UNSEEN
     nearest = np.float32(np.inf)
     for u in range(pixel % width - ACROSS, pixel % width + ACROSS + 1):
         r = image[row, u % width]
         if r > 0:
             nearest = min(nearest, r)
-    near = ASIDE + PER_METRE * distance
-    if nearest == np.float32(np.inf) or nearest < distance - near:
-        return _UNSEEN
-    return _THROUGH if nearest > distance + near else _ENDED
+    return look(nearest, distance)
 
 
 @fast_kernel

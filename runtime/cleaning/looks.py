@@ -10,12 +10,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.belief.free_space import ENDED, THROUGH, look
 from runtime.cleaning.voxel_votes import MovingVoxels
 from runtime.compute.jit import inlined, kernel
 from runtime.recordings.poses import Pose
 
 CELL = math.radians(0.4)  # of directions, in azimuth and elevation
-ASIDE, PER_METRE = 0.3, 0.01  # m, and of the range: returns as near to a place in range are from there
 WINDOW = 100  # scans before and after a place was seen last: beyond, poses may have drifted
 COLUMN = 0.8  # m, side of columns of the world, whose places are judged together
 FREE = 0.2  # share of the looks that go through a column in which something moves, at least
@@ -94,8 +94,8 @@ def _look(places, to_lidar, image, through, ended):  # type: ignore[no-untyped-d
         for a in range(max(row - 1, 0), min(row + 2, rows)):
             for b in range(column - 1, column + 2):
                 nearest = min(nearest, image[a, b % columns])
-        near = ASIDE + PER_METRE * r
-        if nearest < np.inf and nearest > r + near:
+        said = look(nearest, r)
+        if said == THROUGH:
             through[i] += 1
-        elif abs(nearest - r) <= near:
+        elif said == ENDED:
             ended[i] += 1

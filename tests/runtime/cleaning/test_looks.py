@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from runtime.belief.free_space import ASIDE, PER_METRE
 from runtime.cleaning import looks
-from runtime.cleaning.looks import ASIDE, CELL, FREE, PER_METRE, WINDOW, Looks
+from runtime.cleaning.looks import CELL, FREE, WINDOW, Looks
 from runtime.cleaning.voxel_votes import MovingVoxels
 
 HERE = np.eye(4)
