@@ -76,14 +76,18 @@ def train(
     model = named_config(config, channels, sensor=sensor, other_sensors=others_too, range_image=image).to_dict()
     for name in [name for name in others if name.startswith("model.")]:
         set_nested(model, name.removeprefix("model.").split("."), others.pop(name))
+    network = read_config(model)
     given = {"steps": steps, "batch": batch, "crop": crop, "precision": precision, "seed": seed}
     changes = {name: value for name, value in given.items() if value is not None} | others
+    width = network.view.shape[2]
+    if "crop" not in changes and named_recipe(recipe, stage).crop >= width:
+        changes["crop"] = 16 * round(width / 64)  # a quarter, as the recipe's is of an HDL-64E's range image
     if threads:
         torch.set_num_threads(threads)
     ranks = join_ranks(device)
     try:
         run_training(
-            read_config(model),
+            network,
             lambda epoch_steps: named_recipe(recipe, stage, epoch_steps, **changes),
             SIMULATED if data == "simulated" else Data(Path(data), *choose_split(road, train_on, validate_on), frame),
             out,

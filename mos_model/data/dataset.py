@@ -79,7 +79,7 @@ class SampleConfig:
     def __post_init__(self) -> None:
         width = self.view.shape[2]
         if self.crop and (self.crop % 16 or not 16 <= self.crop <= width):
-            raise SettingError(f"crop must be a multiple of 16 up to the image width {width}, not {self.crop}")
+            raise SettingError(f"crop must be a multiple of 16 up to the width of the view, {width}, not {self.crop}")
 
     @classmethod
     def of(cls, model: "ModelConfig", **others: Any) -> "SampleConfig":

@@ -32,7 +32,7 @@ from runtime.bundle.residual import Residual
 from runtime.bundle.view import POINT_CHANNELS, CylinderView, View
 from runtime.classes import CLASSES
 from runtime.head.cylinder.cells import KERNELS
-from runtime.head.cylinder.cylinder_layers import AXES, ORDERS
+from runtime.head.cylinder.cylinder_layers import AXES, ORDERS, UP
 from runtime.head.sparse.kernel import SLOPE
 
 
@@ -96,17 +96,18 @@ class Down(nn.Module):
         return self.pool(x, coarse.down), x
 
 
-class UpCells(nn.ModuleList):
-    """Back to the finer scale, onto the skip, and three convolutions there."""
+class UpCells(nn.Module):
+    """Back to the finer scale, onto the skip, and a block of three convolutions there."""
 
     def __init__(self, i: int, o: int) -> None:
-        super().__init__(ConvActNorm(o, o, kernel) for kernel in ("1x3x3", "3x1x3", "3x3x3"))
+        super().__init__()
         self.before, self.climb = ConvActNorm(i, o, "3x3x3"), SparseConv(o, o, 27)
+        self.block = nn.ModuleList(ConvActNorm(o, o, kernel) for kernel in UP)
 
     def forward(self, x: Tensor, skip: Tensor, coarse: CellLevel, fine: CellLevel) -> Tensor:
         """(V', i) -> (V, o)."""
         x = self.climb(self.before(x, coarse), coarse.up) + skip
-        for layer in list(self)[:3]:
+        for layer in self.block:
             x = layer(x, fine)
         return x
 

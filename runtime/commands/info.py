@@ -13,7 +13,7 @@ from runtime.commands.output import show_facts, show_line, show_rows
 
 if TYPE_CHECKING:
     from runtime.bundle.loading import Bundle
-    from runtime.bundle.manifest import SensorEntry
+    from runtime.bundle.manifest import Manifest, SensorEntry
 
 
 def info(
@@ -41,7 +41,7 @@ def show_bundle(bundle: "Bundle") -> None:
     from runtime.image.precision import choose_precision
 
     manifest = bundle.manifest
-    image, residual, head = manifest.sensor.range_image, manifest.residual, manifest.point_head
+    image, head = manifest.sensor.range_image, manifest.point_head
     rows = {
         "bundle": f"{manifest.name}, format {manifest.format}",
         "folder": os.path.realpath(bundle.path),
@@ -49,10 +49,7 @@ def show_bundle(bundle: "Bundle") -> None:
         "features": f"{manifest.features} channels",
         **_sensors(manifest.sensors),
         "normalisation": f"means {_numbers(image.mean)}; stds {_numbers(image.std)}",
-        **({} if manifest.bird is None else {"view": f"from above, {_words(asdict(manifest.bird))}"}),
-        **({} if manifest.cylinder is None else {"view": f"points in a cylinder, {_words(asdict(manifest.cylinder))}"}),
-        "residuals": f"{residual.kind}, lags {_numbers(residual.lags)}, {residual.min_range:g} to "
-        f"{residual.max_range:g} m",
+        **_past(manifest),
         "point head": "none" if head is None else _words(asdict(head)),
         "postprocess": f"{manifest.postprocess} unless told otherwise",
         **{name: f"{entry.bytes / 1e6:.2f} MB, {entry.precision}" for name, entry in manifest.files.items()},
@@ -76,6 +73,15 @@ def _sensors(sensors: Iterable["SensorEntry"]) -> dict[str, str]:
             f"{_decision(decision.head_threshold)}; belief: {_decision(decision.belief_threshold)}"
         )
     return rows
+
+
+def _past(manifest: "Manifest") -> dict[str, str]:
+    """How the past is shown to the network."""
+    residual, lags = manifest.residual, f"lags {_numbers(manifest.residual.lags)}"
+    for title, view in (("from above", manifest.bird), ("points in a cylinder", manifest.cylinder)):
+        if view is not None:
+            return {"view": f"{title}, {_words(asdict(view))}", "past scans": lags}
+    return {"residuals": f"{residual.kind}, {lags}, {residual.min_range:g} to {residual.max_range:g} m"}
 
 
 def _decision(threshold: float | None) -> str:

@@ -7,6 +7,7 @@ network. `ORT_DISABLE_TELEMETRY=1` ends both; it is set here unless the user has
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,20 @@ PACKAGES = {  # what brings a provider
 }
 
 
+@dataclass(frozen=True)
+class Execution:
+    """On what ONNX Runtime runs a model, and how."""
+
+    providers: Sequence[Provider] | None = None  # the preferred first, each a name or (name, options); None: the CPU
+    allow_fallback: bool = False  # use the CPU, with a warning, where one of them is not available; else: an error
+    # entries for ONNX Runtime's session configuration, such as {"session.intra_op.allow_spinning": "0"}; see
+    # `SESSION_OPTIONS` for what they are here
+    session_options: Mapping[str, str] = field(default_factory=dict)
+
+
+ON_CPU = Execution()
+
+
 class Session:
     """One of ONNX Runtime, which is opened anew in a process that was forked: its threads are not there."""
 
@@ -63,30 +78,24 @@ def open_session(
     model: str | Path | bytes,
     *,
     threads: int,
-    providers: Sequence[Provider] | None = None,
-    allow_fallback: bool = False,
-    session_options: Mapping[str, str] | None = None,
+    execution: Execution = ON_CPU,
     sizes: Mapping[str, int] | None = None,
 ) -> Session:
     """An ONNX Runtime session over a model: its path, or its bytes.
 
     threads: of the CPU provider.
-    providers: execution providers, the preferred first, each a name or (name, options); None: the CPU.
-    allow_fallback: use the CPU, with a warning, where one of them is not available; else that is an error.
-    session_options: entries for ONNX Runtime's session configuration, such as
-        {"session.intra_op.allow_spinning": "0"} (see `SESSION_OPTIONS` for what they are here).
     sizes: of dimensions that the model leaves open, by their names: what follows from them is then computed once.
 
     Raises ProviderError, SettingError for options that ONNX Runtime refuses, or BundleError for a broken model.
     """
-    wanted = _available(providers or [CPU], allow_fallback)
+    wanted = _available(execution.providers or [CPU], execution.allow_fallback)
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.enable_mem_pattern = False  # its one large block would come on top of the arena's: half the memory
     options.log_severity_level = 3
     try:
-        for key, value in {**SESSION_OPTIONS, **(session_options or {})}.items():
+        for key, value in {**SESSION_OPTIONS, **execution.session_options}.items():
             options.add_session_config_entry(key, value)
     except Exception as error:
         raise SettingError(f"session option {key}={value!r} is refused by ONNX Runtime: {error}") from error
@@ -95,7 +104,8 @@ def open_session(
     session = Session(lambda: _session(model, options, wanted, [LEFT_OUT] if sizes else []))
     for name in map(provider_name, wanted):
         if name not in session.get_providers():  # ONNX Runtime goes on without one whose libraries are missing
-            _fall_back(f"{name} is installed but could not start (are its libraries there?)", name, allow_fallback)
+            reason = f"{name} is installed but could not start (are its libraries there?)"
+            _fall_back(reason, name, execution.allow_fallback)
     return session
 
 

@@ -17,7 +17,7 @@ CUDA's provider computes products in TF32 where the GPU has it; ("CUDAExecutionP
 in float32.
 """
 
-from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -29,7 +29,7 @@ from runtime.bundle.head_shape import PointHeadConfig
 from runtime.bundle.loading import Bundle
 from runtime.bundle.manifest import POINT_HEAD_ONNX
 from runtime.classes import CLASSES
-from runtime.compute.sessions import Provider, open_session, provider_name
+from runtime.compute.sessions import ON_CPU, Execution, open_session, provider_name
 from runtime.compute.workers import Workers
 from runtime.errors import BundleError, InferenceError, SettingError
 from runtime.head.numba_engine import PointHeadEngine
@@ -58,21 +58,12 @@ class OnnxHead(PointHead):
         path: str | Path,
         config: PointHeadConfig,
         workers: Workers,
-        *,
-        providers: Sequence[Provider] | None = None,
-        allow_fallback: bool = False,
-        session_options: Mapping[str, str] | None = None,
+        execution: Execution = ON_CPU,
     ) -> None:
-        """`path`: a bundle's `point_head.onnx`. Raises BundleError where it does not fit `config`; providers,
-        allow_fallback and session_options as in `runtime.compute.sessions.open_session`, with its errors."""
+        """`path`: a bundle's `point_head.onnx`. Raises BundleError where it does not fit `config`, and what
+        `runtime.compute.sessions.open_session` does."""
         super().__init__(config, workers, config.in_channels)
-        self._session = open_session(
-            path,
-            threads=workers.threads,
-            providers=providers,
-            allow_fallback=allow_fallback,
-            session_options=session_options,
-        )
+        self._session = open_session(path, threads=workers.threads, execution=execution)
         self.providers: list[str] = self._session.get_providers()
         self._path = path
         given = {value.name: value.shape for value in self._session.get_inputs()}
@@ -121,13 +112,12 @@ def choose_head(
     bundle: Bundle,
     workers: Workers,
     engine: str = "auto",
-    providers: Sequence[Provider] | None = None,
-    **settings: Any,
+    execution: Execution = ON_CPU,
 ) -> PointHead:
     """The point head of a bundle that has one.
 
-    engine: "numba", on the processor; "onnx", on `providers`; "auto": ONNX Runtime on those of the providers that are a
-    GPU's, where there are any and the bundle has `point_head.onnx`, else Numba. Further settings: see `OnnxHead`.
+    engine: "numba", on the processor; "onnx", by `execution`; "auto": ONNX Runtime on those of its providers that are a
+    GPU's, where there are any and the bundle has `point_head.onnx`, else Numba.
 
     Raises SettingError for an unknown engine, or for "onnx" where the bundle lacks the graph; else as `OnnxHead`.
     """
@@ -142,11 +132,12 @@ def choose_head(
     if config is None:
         raise SettingError(f"{bundle.path}: has no point head")
     if engine == "auto":
-        providers = [provider for provider in providers or () if provider_name(provider) in GPU]
-        engine = "onnx" if providers and there else "numba"
+        gpus = [one for one in execution.providers or () if provider_name(one) in GPU]
+        execution = replace(execution, providers=gpus)
+        engine = "onnx" if gpus and there else "numba"
     if engine == "numba":
         return PointHeadEngine(bundle.point_head(), config, workers)
-    return OnnxHead(bundle.path / POINT_HEAD_ONNX, config, workers, providers=providers, **settings)
+    return OnnxHead(bundle.path / POINT_HEAD_ONNX, config, workers, execution)
 
 
 def _names(config: PointHeadConfig) -> set[str]:

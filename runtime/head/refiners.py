@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from runtime.bundle.loading import Bundle
 from runtime.bundle.manifest import Decision, Tuned
 from runtime.classes import MOVING
-from runtime.compute.sessions import Provider
+from runtime.compute.sessions import Execution
 from runtime.compute.workers import Workers
 from runtime.errors import SettingError
 from runtime.head.onnx_engine import choose_head
@@ -95,12 +95,12 @@ class Head(Pixels):
 
 
 def choose_refiner(
-    bundle: Bundle, decision: Decision, settings: RunnerSettings, workers: Workers, providers: list[Provider]
+    bundle: Bundle, decision: Decision, settings: RunnerSettings, workers: Workers, execution: Execution
 ) -> tuple[str, Refiner]:
     """What `settings.postprocess` names, or the bundle: "none", "knn" or "head", and what does it.
 
-    decision: the thresholds, those of the sensor. providers: execution providers that could be started, for the point
-    head's ONNX engine. Raises SettingError where the bundle has no point head, and what `choose_head` raises.
+    decision: the thresholds, those of the sensor. execution: of the point head's ONNX engine, with the providers that
+    could be started. Raises SettingError where the bundle has no point head, and what `choose_head` raises.
     """
     manifest = bundle.manifest
     name = settings.postprocess or manifest.postprocess
@@ -114,6 +114,5 @@ def choose_refiner(
         return name, Vote(decision, workers)
     if manifest.point_head is None:
         raise SettingError(f"bundle {manifest.name!r} has no point head: choose postprocess 'knn' or 'none'")
-    options = settings.session_options
-    head = choose_head(bundle, workers, settings.head_engine, providers, session_options=options)
+    head = choose_head(bundle, workers, settings.head_engine, execution)
     return name, Head(decision, head, manifest.tuned, settings.refine == "all")

@@ -1,12 +1,12 @@
 """From a scan to its labels, but for belief: the stages of a runner that are made for one sensor."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from runtime.bundle.choice import Choice
 from runtime.bundle.loading import Bundle
-from runtime.compute.sessions import provider_name
+from runtime.compute.sessions import Execution, provider_name
 from runtime.compute.workers import Workers
 from runtime.head.networks import Network, open_network
 from runtime.head.refiners import Refiner, choose_refiner
@@ -33,17 +33,11 @@ class Stages:
         sensor, carrier = choice.entry, (settings.nearest, settings.body)
         view = bundle.manifest.view(sensor)
         inputs = make_inputs(view, workers, sensor.reach, *carrier, choice.mounting)
-        network = open_network(
-            bundle,
-            precision,
-            view,
-            workers,
-            providers=settings.providers,
-            allow_fallback=settings.allow_fallback,
-            session_options=settings.session_options,
-        )
+        execution = Execution(settings.providers, settings.allow_fallback, settings.session_options)
+        network = open_network(bundle, precision, view, workers, execution)
         started = [one for one in settings.providers or () if provider_name(one) in network.providers]
-        postprocess, refiner = choose_refiner(bundle, sensor.decision, settings, workers, started)
+        execution = replace(execution, providers=started, allow_fallback=False)
+        postprocess, refiner = choose_refiner(bundle, sensor.decision, settings, workers, execution)
         return cls(choice, inputs, network, postprocess, refiner)
 
     def serve(self, choice: Choice) -> bool:

@@ -1,6 +1,6 @@
 """The image network on ONNX Runtime."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from runtime.bundle.loading import Bundle
 from runtime.bundle.view import View
 from runtime.classes import CLASSES
-from runtime.compute.sessions import Provider, open_session
+from runtime.compute.sessions import ON_CPU, Execution, open_session
 from runtime.errors import BundleError, InferenceError
 
 LARGEST = 1.001  # probability: a sum of three may round
@@ -33,22 +33,14 @@ class ImageNet:
         size: tuple[int, int] | None = None,
         *,
         threads: int,
-        providers: Sequence[Provider] | None = None,
-        allow_fallback: bool = False,
-        session_options: Mapping[str, str] | None = None,
+        execution: Execution = ON_CPU,
     ) -> None:
         """size: height and width of the images, for a file that leaves them open.
 
-        threads, providers, allow_fallback, session_options: see `open_session`, which raises what this does.
+        threads, execution: see `open_session`, which raises what this does.
         """
-        self._session = open_session(
-            path,
-            threads=threads,
-            providers=providers,
-            allow_fallback=allow_fallback,
-            session_options=session_options,
-            sizes=None if size is None else dict(zip((HEIGHT, WIDTH), size, strict=True)),
-        )
+        sizes = None if size is None else dict(zip((HEIGHT, WIDTH), size, strict=True))
+        self._session = open_session(path, threads=threads, execution=execution, sizes=sizes)
         self.providers: list[str] = self._session.get_providers()
         inputs, outputs = described(self._session.get_inputs()), described(self._session.get_outputs())
         if set(inputs) != {"image"} or not {"probabilities", "features"} <= set(outputs):
@@ -64,7 +56,7 @@ class ImageNet:
         self.features = channels  # of the feature map
 
     @classmethod
-    def of(cls, bundle: Bundle, precision: str = "auto", view: View | None = None, **settings: Any) -> "ImageNet":
+    def of(cls, bundle: Bundle, precision: str = "auto", view: View | None = None, **session: Any) -> "ImageNet":
         """The image network of a bundle, for a view of its sensors; None: of the first that the bundle lists.
 
         Raises BundleError where it takes no images of that size, or does not fit the manifest.
@@ -72,7 +64,7 @@ class ImageNet:
         path, manifest = bundle.image_net(precision), bundle.manifest
         own = manifest.view(manifest.sensor)
         shape = (own if view is None else view).shape
-        net, want = cls(path, shape[1:], **settings), (1, *shape)
+        net, want = cls(path, shape[1:], **session), (1, *shape)
         if net.shape != want:
             if net.shape == (1, *own.shape):
                 reason = f"its network is for images of {own.shape[1]} x {own.shape[2]}; export its checkpoint again"

@@ -23,8 +23,6 @@ SHORT = [
     "sim2real",
     "--batch",
     "2",
-    "--crop",
-    "32",
     "--workers",
     "0",
     "--set",
@@ -64,7 +62,7 @@ def base(root, out, *more):
 
 def test_both_stages_on_recordings(root, tmp_path):
     out = tmp_path / "image"
-    run(*base(root, out, "--config", "v2-lite", "--steps", 3))
+    run(*base(root, out, "--config", "v2-lite", "--steps", 3, "--crop", 32))
     first = checkpoint.load(out / "best.pt")
     assert first.config == read_config(first.config.to_dict())
     assert (first.config.channels, first.config.point_head, first.config.range_image.height) == (4, None, 16)
@@ -86,6 +84,16 @@ def test_both_stages_on_recordings(root, tmp_path):
     assert all(np.allclose(heads[0][key], heads[1][key], atol=1e-6) for key in heads[0] if key.endswith("weight"))
 
 
+@pytest.mark.parametrize(
+    ("config", "view", "crop"),
+    [("limoseg", {"bird.cells": 64}, 16), ("cylinder3d", {"cylinder.sectors": 120, "cylinder.rings": 40}, 32)],
+)
+def test_a_crop_of_the_recipe_is_a_quarter_of_a_narrow_view(root, tmp_path, config, view, crop):
+    of_view = [part for name, value in view.items() for part in ("--set", f"model.{name}={value}")]
+    run(*base(root, tmp_path, "--config", config, *of_view, "--steps", 1))
+    assert checkpoint.load(tmp_path / "last.pt").training["config"]["crop"] == crop
+
+
 def test_simulated_streets(tmp_path):
     small = ["--sensor", "vlp16", "--set", "street_frames=2", "--set", "validation_streets=1"]
     small += ["--set", "validation_frames=1", "--set", "crops=1"]
@@ -100,6 +108,8 @@ def test_simulated_streets(tmp_path):
         "--set",
         "model.rt_widths=[4,8]",
         *SHORT,
+        "--crop",
+        32,
         "--steps",
         2,
     )

@@ -13,6 +13,7 @@ from runtime.errors import BundleError
 from runtime.head.cylinder.cells import KERNELS
 
 ORDERS = (("1x3x3", "3x1x3"), ("3x1x3", "1x3x3"))  # of the kernels in the two branches of an asymmetric block
+UP = ("1x3x3", "3x1x3", "3x3x3")  # behind a climb to the finer scale
 AXES = ("3x1x1", "1x3x1", "1x1x3")  # of the context, one dimension each
 
 
@@ -41,7 +42,7 @@ class CellLayer:
 
 def cylinder_layers(c: int) -> list[CellLayer]:
     """All layers: `points.I`, `compress`, `context.B.I`, `downN.block.B.I`, `downN.pool`, `upN.before`, `upN.climb`,
-    `upN.I`, `axes.I`, `refine.cells`, `refine.points`, `classifier`."""
+    `upN.block.I`, `axes.I`, `refine.cells`, `refine.points`, `classifier`."""
     widths = [POINT_CHANNELS, 2 * c, 4 * c, 8 * c, 8 * c]
     found = [CellLayer(f"points.{n}", "", (i,), o, bias=True) for n, (i, o) in enumerate(pairwise(widths))]
     found.append(CellLayer("compress", "", (8 * c,), c // 2, bias=True))
@@ -60,8 +61,8 @@ def cylinder_layers(c: int) -> list[CellLayer]:
     for n, (i, o) in enumerate(pairwise(ups), 1):
         found.append(CellLayer(f"up{n}.before", "3x3x3", (i,), o, after=True))
         found.append(CellLayer(f"up{n}.climb", "3x3x3", (o,), o))
-        for m, kernel in enumerate(("1x3x3", "3x1x3", "3x3x3")):
-            found.append(CellLayer(f"up{n}.{m}", kernel, (o,), o, after=True))
+        for m, kernel in enumerate(UP):
+            found.append(CellLayer(f"up{n}.block.{m}", kernel, (o,), o, after=True))
     found += [CellLayer(f"axes.{n}", kernel, (2 * c,), 2 * c, bias=True) for n, kernel in enumerate(AXES)]
     found.append(CellLayer("refine.cells", "", (2 * c, 2 * c), c))
     found.append(CellLayer("refine.points", "", (8 * c,), c, bias=True))

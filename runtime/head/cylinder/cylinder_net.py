@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from functools import partial
+from itertools import pairwise
 from time import perf_counter
 
 import numpy as np
@@ -14,7 +15,7 @@ from runtime.compute.jit import fast_kernel, kernel
 from runtime.compute.workers import Workers
 from runtime.errors import InferenceError
 from runtime.head.cylinder.cells import STRIDES, CellScale, coarser, kernel_map, meeting, occupied
-from runtime.head.cylinder.cylinder_layers import AXES, ORDERS, checked_cylinder, cylinder_layers
+from runtime.head.cylinder.cylinder_layers import AXES, ORDERS, UP, checked_cylinder, cylinder_layers
 from runtime.head.sparse.convolution import Layers, Packed, pack, padded
 from runtime.head.sparse.kernel_map import KernelMap
 from runtime.image.image_net import Seen
@@ -67,9 +68,10 @@ class CylinderNet:
         rows[:, :POINT_CHANNELS] = image[:POINT_CHANNELS, 0].T
         rows[:, POINT_CHANNELS:] = 0
         began = perf_counter()
-        finest = occupied(image[POINT_CHANNELS, 0].astype(np.int32), self.cylinder.cells, self._arena)
+        numbers = image[POINT_CHANNELS, 0].astype(np.int32)
+        finest = occupied(numbers, self.cylinder.cells, self._arena)
         home = self._arena.take("home", (count,), np.int32)
-        _rows_of(image[POINT_CHANNELS, 0], finest.rows, home)
+        _rows_of(numbers, finest.rows, home)
         began = self._spent("maps", began)
         probabilities = np.full((len(CLASSES), 1, count), 1 / len(CLASSES), np.float32)
         hidden = np.zeros((count, padded(self.width)), np.float32)
@@ -106,55 +108,54 @@ class CylinderNet:
 
     def _over_cells(self, pooled: Floats, finest: CellScale) -> Floats:
         """The U-net: features (V, 8 c) of the cells to what refinement takes of them (V, c)."""
+        began = perf_counter()
         scales = [finest]
         for level in range(1, len(STRIDES) + 1):
             scales.append(coarser(scales[-1], level, self._arena))
-        began = perf_counter()
-        maps = [self._maps(scale, level) for level, scale in enumerate(scales)]
+        maps = [self._within(scale, level) for level, scale in enumerate(scales)]
+        down = [self._between(coarse, fine, n, up=False) for n, (fine, coarse) in enumerate(pairwise(scales), 1)]
+        up = [self._between(fine, coarse, n, up=True) for n, (fine, coarse) in enumerate(pairwise(scales), 1)]
         began = self._spent("maps", began)
         c = self.width
-        x = self._dense("compress", pooled, self._take("compressed", 0, len(pooled), c // 2))
-        x = self._asymmetric("context", x, maps[0], c, 0)
+        x = self._dense("compress", pooled, self._take("compressed", len(pooled), c // 2))
+        x = self._asymmetric("context", x, maps[0], c)
         skips = []
-        for n in range(1, len(STRIDES) + 1):
-            x = self._asymmetric(f"down{n}.block", x, maps[n - 1], c << n, n - 1)
+        for n, pairs in enumerate(down, 1):
+            x = self._asymmetric(f"down{n}.block", x, maps[n - 1], c << n)
             skips.append(x)
-            down = self._between(scales[n], scales[n - 1], n, up=False)
-            x = self._conv(f"down{n}.pool", x, down, self._take("pool", n, down.count_out, c << n), relu=False)
+            x = self._conv(f"down{n}.pool", x, pairs, self._take(f"pool{n}", pairs.count_out, c << n))
         for n, skip in enumerate(reversed(skips), 1):
-            level = len(STRIDES) - n
-            channels, count = self._weights[f"up{n}.climb"].columns, len(scales[level].cells)
-            before = self._take("before", level, len(x), channels)
+            level = len(skips) - n
+            count, channels = len(skip), self._weights[f"up{n}.climb"].columns
+            a, b = (self._take(f"up_{name}{level}", count, channels) for name in "ab")
+            before = self._take(f"before{level}", len(x), channels)
             x = self._conv(f"up{n}.before", x, maps[level + 1]["3x3x3"], before)
-            up = self._between(scales[level], scales[level + 1], level + 1, up=True)
-            a, b = (self._take(name, level, count, channels) for name in ("up_a", "up_b"))
-            x = self._conv(f"up{n}.climb", x, up, a, residual=skip, relu=False)
-            x = self._conv(f"up{n}.0", x, maps[level]["1x3x3"], b)
-            x = self._conv(f"up{n}.1", x, maps[level]["3x1x3"], a)
-            joined = self._arena.take("joined", (count, 2 * channels))
-            x = self._conv(f"up{n}.2", x, maps[level]["3x3x3"], b if level else joined[:, channels:])
+            x = self._conv(f"up{n}.climb", x, up[level], a, residual=skip)
+            joined = self._take("joined", count, 2 * channels)  # of the last: what its gates weigh, and x itself
+            for m, (size, out) in enumerate(zip(UP, (b, a, b if level else joined[:, channels:]), strict=True)):
+                x = self._conv(f"up{n}.block.{m}", x, maps[level][size], out)
         gates = [
-            self._conv(f"axes.{n}", x, maps[0][kernel], self._take(f"axis{n}", 0, len(x), 2 * c), relu=False)
-            for n, kernel in enumerate(AXES)
+            self._conv(f"axes.{n}", x, maps[0][size], self._take(f"axis{n}", len(x), 2 * c))
+            for n, size in enumerate(AXES)
         ]
         self._pending.run()
         self.workers.ranges(partial(_gate, *gates, x, joined), len(x), _GRAIN)
-        out = self._dense("refine.cells", joined, self._take("refined", 0, len(x), c), relu=False)
+        out = self._dense("refine.cells", joined, self._take("refined", len(x), c), relu=False)
         self._pending.run()
         self._spent("cells", began)
         return out
 
-    def _asymmetric(self, name: str, x: Floats, maps: Mapping[str, KernelMap], channels: int, level: int) -> Floats:
+    def _asymmetric(self, name: str, x: Floats, maps: Mapping[str, KernelMap], channels: int) -> Floats:
         """Two branches of two flat kernels each, in both orders, and their sum."""
-        found: Floats | None = None
+        total: Floats | None = None
         for branch, (first, second) in enumerate(ORDERS):
-            inner, out = (self._take(f"{name[:4]}{at}{branch}", level, len(x), channels) for at in ("inner", "out"))
+            inner, out = (self._take(f"{name}.{branch}.{n}", len(x), channels) for n in range(2))
             y = self._conv(f"{name}.{branch}.0", x, maps[first], inner)
-            found = self._conv(f"{name}.{branch}.1", y, maps[second], out, residual=found)
-        assert found is not None
-        return found
+            total = self._conv(f"{name}.{branch}.1", y, maps[second], out, residual=total)
+        assert total is not None
+        return total
 
-    def _maps(self, scale: CellScale, level: int) -> dict[str, KernelMap]:
+    def _within(self, scale: CellScale, level: int) -> dict[str, KernelMap]:
         """The kernel maps within a scale."""
         arena, count = self._arena, len(scale.cells)
         table = meeting(scale, scale, _SAME, False, arena, self.workers, "table")
@@ -163,25 +164,20 @@ class CylinderNet:
 
     def _between(self, out: CellScale, inputs: CellScale, level: int, up: bool) -> KernelMap:
         """The kernel map from one scale to the next, which is number `level`, or back."""
-        began, name = perf_counter(), f"{'up' if up else 'down'}{level}"
         table = meeting(out, inputs, STRIDES[level - 1], up, self._arena, self.workers, "table")
-        found = kernel_map(table, "3x3x3", len(inputs.cells), self._arena, self.workers, name)
-        self._spent("maps", began)
-        self.timing["cells"] -= perf_counter() - began
-        return found
+        name = f"{'up' if up else 'down'}{level}"
+        return kernel_map(table, "3x3x3", len(inputs.cells), self._arena, self.workers, name)
 
-    def _conv(
-        self, name: str, x: Floats, pairs: KernelMap, out: Floats, residual: Floats | None = None, relu: bool = False
-    ) -> Floats:
+    def _conv(self, name: str, x: Floats, pairs: KernelMap, out: Floats, residual: Floats | None = None) -> Floats:
         self.multiply_adds += pairs.pairs * self._work[name]
-        return self._pending.convolve(x, pairs, self._weights[name], out, residual=residual, relu=relu)
+        return self._pending.convolve(x, pairs, self._weights[name], out, residual=residual, relu=False)
 
     def _dense(self, name: str, x: Floats, out: Floats, relu: bool = True) -> Floats:
         self.multiply_adds += len(x) * self._work[name]
         return self._pending.dense(x, self._weights[name], out, relu)
 
-    def _take(self, name: str, level: int, count: int, channels: int) -> Floats:
-        return self._arena.take(f"{name}{level}", (count, padded(channels)))
+    def _take(self, name: str, count: int, channels: int) -> Floats:
+        return self._arena.take(name, (count, padded(channels)))
 
     def _spent(self, step: str, began: float) -> float:
         now = perf_counter()
@@ -190,11 +186,10 @@ class CylinderNet:
 
 
 @kernel
-def _rows_of(cells, rows, home):  # type: ignore[no-untyped-def]
+def _rows_of(numbers, rows, home):  # type: ignore[no-untyped-def]
     """Row of the cell of each point, -1: none."""
-    for i in range(cells.size):
-        cell = np.int64(cells[i])
-        home[i] = rows[cell] if 0 <= cell < rows.size else -1
+    for i in range(numbers.size):
+        home[i] = rows[numbers[i]] if 0 <= numbers[i] < rows.size else -1
 
 
 @fast_kernel

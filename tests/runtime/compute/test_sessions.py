@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import runtime
-from runtime.compute.sessions import CPU, available_providers, open_session
+from runtime.compute.sessions import CPU, Execution, available_providers, open_session
 from runtime.errors import BundleError, MosWarning, ProviderError, SettingError
 from tests.support.paths import BUNDLE, ROOT
 
@@ -35,32 +35,33 @@ def test_a_model_is_a_file_or_its_bytes():
 @pytest.mark.parametrize("provider", [CUDA, (CUDA, {"device_id": 0})])
 def test_a_provider_that_is_not_there_is_an_error_that_says_what_to_install(provider):
     with pytest.raises(ProviderError, match=r"CUDAExecutionProvider is not .*\(it has .*onnxruntime-gpu"):
-        open_session(NETWORK, threads=1, providers=[provider, CPU])
+        open_session(NETWORK, threads=1, execution=Execution([provider, CPU]))
 
 
 @NO_CUDA
 def test_the_fallback_must_be_allowed_and_warns():
     with pytest.warns(MosWarning, match="onnxruntime-gpu"):
-        session = open_session(NETWORK, threads=1, providers=[CUDA], allow_fallback=True)
+        session = open_session(NETWORK, threads=1, execution=Execution([CUDA], allow_fallback=True))
     assert session.get_providers() == [CPU]
     np.testing.assert_allclose(run(session), run(open_session(NETWORK, threads=1)), atol=1e-6)
 
 
 def test_an_unknown_provider_is_an_error():
     with pytest.raises(ProviderError, match="AbacusExecutionProvider"):
-        open_session(NETWORK, threads=1, providers=["AbacusExecutionProvider"])
+        open_session(NETWORK, threads=1, execution=Execution(["AbacusExecutionProvider"]))
 
 
 def test_the_cpu_is_no_fallback():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        open_session(NETWORK, threads=1, providers=[(CPU, {})])
+        open_session(NETWORK, threads=1, execution=Execution([(CPU, {})]))
 
 
 def test_session_options_reach_onnx_runtime():
-    run(open_session(NETWORK, threads=1, session_options={"session.intra_op.allow_spinning": "1"}))
+    spinning = Execution(session_options={"session.intra_op.allow_spinning": "1"})
+    run(open_session(NETWORK, threads=1, execution=spinning))
     with pytest.raises(SettingError, match="session option"):
-        open_session(NETWORK, threads=1, session_options={"": "x"})
+        open_session(NETWORK, threads=1, execution=Execution(session_options={"": "x"}))
 
 
 @pytest.mark.parametrize("content", [b"", b"no network", None])

@@ -13,7 +13,7 @@ import pytest
 from runtime import MosRunner
 from runtime.bundle.head_shape import FULL, LITE
 from runtime.bundle.loading import load_bundle
-from runtime.compute.sessions import CPU
+from runtime.compute.sessions import CPU, Execution
 from runtime.compute.workers import Workers
 from runtime.errors import BundleError, ProviderError, SettingError
 from runtime.head import onnx_engine as onnx_head
@@ -141,11 +141,11 @@ def test_a_scan_without_points_and_with_one():
 
 def test_auto_takes_the_graph_on_a_gpu(bundle, without_graph, monkeypatch):
     monkeypatch.setattr(onnx_head, "GPU", (CPU,))  # so that the test needs none
-    given = [(CPU, {}), "OpenVINOExecutionProvider"]
+    given, none = Execution([(CPU, {}), "OpenVINOExecutionProvider"]), Execution(["OpenVINOExecutionProvider"])
     assert choose_head(bundle, Workers(1), "auto", given).providers == [CPU]
     assert isinstance(choose_head(load_bundle(without_graph), Workers(1), "auto", given), PointHeadEngine)
     assert isinstance(choose_head(bundle, Workers(1), "numba", given), PointHeadEngine)
-    assert isinstance(choose_head(bundle, Workers(1), "auto", ["OpenVINOExecutionProvider"]), PointHeadEngine)
+    assert isinstance(choose_head(bundle, Workers(1), "auto", none), PointHeadEngine)
 
 
 def test_settings_that_cannot_be(bundle, without_graph):
@@ -154,7 +154,7 @@ def test_settings_that_cannot_be(bundle, without_graph):
     with pytest.raises(SettingError, match=r"has no point_head\.onnx; `mos export --point-head-onnx` makes it"):
         MosRunner(without_graph, threads=1, head_engine="onnx")
     with pytest.raises(ProviderError, match="Abacus"):
-        choose_head(bundle, Workers(1), "onnx", ["AbacusExecutionProvider"])
+        choose_head(bundle, Workers(1), "onnx", Execution(["AbacusExecutionProvider"]))
     with pytest.raises(BundleError, match="is not the graph of this point head"):
         OnnxHead(BUNDLE / "point_head.onnx", LITE, Workers(1))
     with pytest.raises(BundleError, match="is not the graph of this point head"):
