@@ -45,6 +45,8 @@ ROWS = {
     "LMNet, kNN": Row("lmnet", "knn"),
     "v1, kNN": Row("v1", "knn"),
     "LiMoSeg": Row("limoseg", "none"),
+    "LiMoSeg in INT8": Row("limoseg", "none", precision="int8"),
+    "Cylinder3D": Row("cylinder3d", "none"),
     "v2-lite, 2 % of points": Row("v2-lite", "head", "near", 0.02),
     "v2-lite in INT8, 2 % of points": Row("v2-lite", "head", "near", 0.02, "int8"),
     "v2-lite, all points": Row("v2-lite", "head", "all"),
@@ -195,14 +197,15 @@ def bench(
     scans: Annotated[int, typer.Option(help="Of the default bundle")] = 200,
     slow_scans: Annotated[int, typer.Option(help="Of the others")] = 7,
     rounds: Annotated[int, typer.Option(help="Of the engines side by side")] = 5,
-    quick: Annotated[bool, typer.Option("--quick", help="About two minutes: fewer scans, no v2")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Two minutes: fewer scans, no v2 nor Cylinder3D")] = False,
     compiled: Annotated[bool, typer.Option("--compiled", help="PyTorch's compiler too (takes minutes)")] = False,
     out: Annotated[Path | None, typer.Option(help="JSON file; a plot (SVG) beside it")] = None,
 ) -> None:
     """From scan and pose to labels, stage by stage; image networks and point heads beside PyTorch and OpenVINO."""
     if quick:
         scans, slow_scans, rounds = 50, 2, 2
-    rows = {name: row for name, row in ROWS.items() if not (quick and (row.share or row.config in ("v2", "lmnet")))}
+    slow = ("v2", "lmnet", "cylinder3d")
+    rows = {name: row for name, row in ROWS.items() if not (quick and (row.share or row.config in slow))}
     with tempfile.TemporaryDirectory() as temporary:
         work = Path(temporary)
         if sequence is None:
