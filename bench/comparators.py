@@ -40,14 +40,15 @@ def cylinder3d(bundle: Path, sequence: Path | None, threads: int, rounds: int) -
     def label_next() -> None:
         scan, pose = next(frames)
         result = runner(scan, pose)
-        rows.append({"points": len(scan), "work": network.multiply_adds, **result.timing, **network.timing})
+        counted = {"scanned points": len(scan), "work": network.multiply_adds}
+        rows.append({**counted, **result.timing, **network.timing})
 
     seconds = interleaved({"scan": label_next, "sgemm": sgemm(PEAK)}, rounds)
     of_each = {name: np.array([row[name] for row in rows[1:]]) for name in rows[0]}  # the first scan is a warm-up
     of_each["scan"], peak = np.array(seconds["scan"]), PEAK**3 / float(np.median(seconds["sgemm"]))
     found = {
         "ms": {step: summary(list(of_each[step])) for step in ("input", "network", *NETWORK, "scan")},
-        "points": int(np.median(of_each["points"])),
+        "points of a scan": int(np.median(of_each["scanned points"])),
         "G multiply-adds": round(float(np.median(of_each["work"])) / 1e9, 1),
         "sgemm, G multiply-adds/s": round(peak / 1e9, 1),
         "% of sgemm": {
