@@ -141,8 +141,9 @@ def systems_of(bundles: list[Bundle], threads: int, precision: str) -> dict[str,
         return MosRunner(bundle.path, threads=threads, precision=precision, postprocess=kind, **settings)
 
     for bundle in bundles:
-        name, best = bundle.path.name, "none" if bundle.manifest.point_head is None else "head"
-        for kind in dict.fromkeys(("none", "knn", best)):
+        name, kinds = bundle.path.name, bundle.manifest.postprocesses
+        best = "head" if "head" in kinds else "none"
+        for kind in kinds:
             systems[f"{name}, {kind}"] = with_runner(runner(bundle, kind, belief="none"))
         if bundle.manifest.tuned.belief is not None:
             systems[f"{name}, {best}, belief"] = with_runner(runner(bundle, best))

@@ -13,7 +13,6 @@ from runtime.classes import CLASSES
 from runtime.errors import BundleError, SettingError
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.sensor import FARTHEST, UNKNOWN_REACH
-from runtime.settings import CHOICES
 from runtime.typed_json import build
 
 FORMAT = 2
@@ -149,6 +148,12 @@ class Manifest:
         """The sensor that a runner takes."""
         return self.sensors[0]
 
+    @property
+    def postprocesses(self) -> tuple[str, ...]:
+        """What it can have for `postprocess`, the plainest first. Points do not vote, and only a head refines."""
+        images, refines = self.cylinder is None, self.point_head is not None
+        return "none", *(("knn",) if images else ()), *(("head",) if refines else ())
+
     def view(self, sensor: SensorEntry) -> View:
         """What the network is shown of the scans of a sensor."""
         return View(sensor.range_image, self.residual, self.bird, self.cylinder)
@@ -202,8 +207,7 @@ def _contradictions(manifest: Manifest) -> list[str]:
         wrong.append(f"{POINT_HEAD_ONNX} is there, but no 'point_head'")
     if head is not None and head.in_channels != manifest.features:
         wrong.append(f"the point head takes {head.in_channels} features, the image network gives {manifest.features}")
-    if manifest.postprocess not in CHOICES["postprocess"] or (manifest.postprocess == "head" and head is None):
-        wrong.append(f"postprocess {manifest.postprocess!r} is unknown, or needs a point head that is not there")
-    if manifest.postprocess == "knn" and manifest.cylinder is not None:
-        wrong.append("postprocess 'knn' needs an image, and the network sees points")
+    if manifest.postprocess not in manifest.postprocesses:
+        can = " or ".join(manifest.postprocesses)
+        wrong.append(f"postprocess {manifest.postprocess!r} is unknown, or not for such a network: it can have {can}")
     return wrong

@@ -10,6 +10,7 @@ import pytest
 import torch
 from torch import nn
 
+from bench.accuracy import systems_of
 from export.bundle.cylinder_weights import cylinder_arrays
 from export.convert import Export, export_checkpoint
 from mos_model.data.dataset import Frame, SampleConfig, make_samples
@@ -23,7 +24,7 @@ from runtime.bundle.view import CylinderView
 from runtime.classes import MOVING
 from runtime.commands.main import main
 from runtime.compute.workers import Workers
-from runtime.errors import BundleError, InferenceError, ProviderError, SettingError
+from runtime.errors import BundleError, InferenceError, MosWarning, ProviderError, SettingError
 from runtime.head.cylinder.cylinder_net import CylinderNet
 from runtime.runner import MosRunner
 from tests.support.learning import check_odd_scans, drive, export_quickly, iou_of_new_drives, train
@@ -53,11 +54,12 @@ def test_the_bundle_is_the_network(exported: Export) -> None:
     assert (manifest.network, manifest.cylinder, manifest.postprocess) == ("cylinder3d", CYLINDER, "head")
     assert exported.parity.worst() < 1e-5
     assert exported.parity.point_head is not None
+    systems = systems_of([exported.bundle], threads=1, precision="auto")
+    assert [*systems][1:] == ["bundle, none", "bundle, head"]  # points do not vote
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-def test_any_weights_give_what_pytorch_gives(threads: int) -> None:
-    """BatchNorms too that are none of a new network; widths that fill no whole panel; two past scans."""
+def test_any_weights_give_what_pytorch_gives() -> None:
+    """BatchNorms too that are none of a new network; widths that fill no whole panel; two past scans; any threads."""
     config = replace(CONFIG, channels=10, point_head=None, residual=replace(CONFIG.residual, lags=(1, 2)))
     torch.manual_seed(1)
     network = config.build_image_network().eval()
@@ -73,9 +75,12 @@ def test_any_weights_give_what_pytorch_gives(threads: int) -> None:
     image = make_samples(drive(3), samples, np.random.default_rng(0))[0].image
     with torch.no_grad():
         want = network(torch.from_numpy(image[None]))
-    net = CylinderNet(cylinder_arrays(network, 10, half=False), CYLINDER, 10, Workers(threads))
-    for _ in range(2):  # buffers are used again
+    arrays = cylinder_arrays(network, 10, half=False)
+    net, other = (CylinderNet(arrays, CYLINDER, 10, Workers(threads)) for threads in (1, 3))
+    for same in (other.run(image), other.run(image)):  # buffers are used again
         seen = net.run(image)
+        np.testing.assert_array_equal(seen.probabilities, same.probabilities)
+        np.testing.assert_array_equal(seen.features, same.features)
         np.testing.assert_allclose(seen.probabilities, want.logits.softmax(1)[0].numpy(), atol=1e-5)
         assert seen.probabilities[MOVING].std() > 0.01
         scale = float(want.features.abs().max())
@@ -115,6 +120,8 @@ def test_what_it_cannot_do_is_said(exported: Export, trained: Path) -> None:
         MosRunner(path, threads=1, precision="int8")
     with pytest.raises(ProviderError, match="runs on the processor"):
         MosRunner(path, threads=1, providers=["CUDAExecutionProvider"])
+    with pytest.warns(MosWarning, match="runs on the processor"):
+        MosRunner(path, threads=1, providers=["CUDAExecutionProvider"], allow_fallback=True)
     with pytest.raises(SettingError, match="8-bit integers"):
         export_checkpoint(trained, trained.parent / "other", precision="int8")
     assert not (trained.parent / "other").exists()

@@ -53,6 +53,13 @@ def test_input_equals_reference(lags, threads):
     np.testing.assert_allclose(got.distance[seen], np.linalg.norm(points[seen, :3], axis=1), rtol=1e-6)
 
 
+def test_the_same_bits_with_any_number_of_threads():
+    points, past = scan(0, 40_000), [(scan(i, 40_000), moved(0.1 * i, i, 0, 0)) for i in (1, 2)]
+    one, three = (build(made((1, 2), threads), points, past) for threads in (1, 3))
+    for name in ("image", "nearest", "first", "pixel", "distance"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(three, name))
+
+
 def test_the_seam_and_the_border():
     behind = [[-5, 0.0, 0, 0], [-5, -0.0, 0, 0], [-5, 1e-30, 0, 0]]
     outside = [[16, 0, 0, 0], [1, 1, 2.0, 0], [1, 1, -2.1, 0], [np.nan, 1, 1, 0], [1e38, 1, 0, 0], [0, 0, 0, 0]]
