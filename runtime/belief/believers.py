@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from runtime.belief.free_space import FreeSpace
 from runtime.belief.memory import Memory
-from runtime.belief.objects import agree
+from runtime.belief.objects import agree, find_objects
 from runtime.belief.places import Places, Surveyor
+from runtime.belief.trail import NO_TRAIL, Trail, follow
 from runtime.bundle.manifest import BeliefNumbers, Manifest, SensorEntry
 from runtime.compute.jit import kernel
 from runtime.compute.workers import Workers
@@ -89,11 +90,12 @@ class Online:
 
     def __init__(self, numbers: BeliefNumbers, entry: SensorEntry, workers: Workers, later: int = 0) -> None:
         """entry: the sensor to begin with; later: scans that are remembered beside those that count."""
-        self.horizon = max(numbers.horizon, numbers.look_back) + later
+        self.horizon = max(numbers.horizon, numbers.look_back) + numbers.longest_trail + later
         self._numbers, self._workers = numbers, workers
         self._surveyor = Surveyor(numbers.voxel_size, workers)
         self._memory = Memory(numbers.horizon + later, workers)
         self._free_space = FreeSpace(numbers, entry.range_image, workers, later)
+        self._trails: dict[int, Trail] = {}  # of the scan judged last and of that before it, by their numbers
         self.serve(entry)
 
     @property
@@ -126,9 +128,7 @@ class Online:
         log_odds = np.empty(count, np.float32)
         self._in_ranges(lambda part: _weigh(places.log_odds[part], places.place[part], belief, log_odds[part]), count)
         if self._numbers.object_probability < 1:
-            least, doubtful = _logit(self._numbers.object_probability), _logit(self._numbers.doubtful)
-            self._free_space.weigh(places.sight, log_odds, least)
-            agree(places, log_odds, least, doubtful)
+            self._look_at_objects(places, log_odds)
         believed = PointLabels(np.empty(count, np.bool_), np.empty(count, np.float32))
         self._in_ranges(
             lambda part: _decide(
@@ -137,6 +137,17 @@ class Online:
             count,
         )
         return believed
+
+    def _look_at_objects(self, places: Places, log_odds: NDArray[np.float32]) -> None:
+        """Let what others see, and what surely moved a moment ago, count for objects; changes the log-odds (N,)."""
+        numbers, sight = self._numbers, places.sight
+        least = _logit(numbers.object_probability)
+        self._free_space.weigh(sight, log_odds, least)
+        objects = find_objects(places, log_odds, least)
+        before = self._trails.get(sight.number - 1, NO_TRAIL)
+        trail, inside = follow(objects, before, _logit(numbers.sure), numbers.longest_trail)
+        self._trails = {sight.number - 1: before, sight.number: trail}  # the same if a scan is judged again
+        agree(objects, np.float32(numbers.in_trail) * inside, log_odds, _logit(numbers.doubtful))
 
     def _in_ranges(self, kernel: Callable[[slice], None], count: int) -> None:
         self._workers.ranges(lambda start, stop: kernel(slice(start, stop)), count, _GRAIN)
@@ -151,6 +162,7 @@ class Online:
         """See `Believer`."""
         self._memory.clear()
         self._free_space.clear()
+        self._trails = {}
 
 
 class Delayed(Online):

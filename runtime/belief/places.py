@@ -12,6 +12,8 @@ from runtime.compute.jit import inlined, kernel
 from runtime.compute.workers import Workers
 
 MOST = np.float32(9.21)  # log-odds of a probability of 0.9999: a network is never surer than that
+# From a place to the 26 around it and itself, in voxels; from one of the first half to the other is back again
+AROUND = np.array(list(np.ndindex(3, 3, 3)), np.int64) - 1
 _BITS = 21  # of a voxel's number on each axis; numbers repeat after 2^21 voxels, which no sensor sees across
 _GRAIN = 16_384  # points per task
 _NOWHERE = np.int64(-1)  # key of points that take no part; of a voxel all keys are above 0

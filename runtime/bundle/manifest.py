@@ -79,6 +79,9 @@ class BeliefNumbers:
     floor: float = -6.0  # of that product: what stood for long may start to move
     object_probability: float = 0.05  # from which on points in touching places are one object; 1: none are
     doubtful: float = 0.25  # probability from which on points are raised to what their object is believed to be
+    sure: float = 0.75  # probability above which an object surely moves
+    longest_trail: int = 8  # scans for which it counts as one that did so a moment ago
+    in_trail: float = 2.0  # log-odds that this adds
     look_back: int = 29  # scans back, in the oldest of which the places of points that may move are looked at; 0: none
     through: float = 0.6  # log-odds of a look at a place that went on to something behind
     ended: float = -0.4  # of one that ended there
@@ -93,8 +96,12 @@ class BeliefNumbers:
             raise SettingError("belief takes a weight of 0 to 10 and a floor of -1000 to 0")
         if not 0 < self.object_probability <= 1:
             raise SettingError(f"points of objects have a probability above 0 to 1, not {self.object_probability!r}")
-        if not 0 < self.doubtful < 1:
-            raise SettingError(f"points that are doubtful have a probability between 0 and 1, not {self.doubtful!r}")
+        if not (0 < self.doubtful < 1 and 0 < self.sure < 1):
+            raise SettingError(
+                f"what is doubtful, or sure, has a probability between 0 and 1, not {self.doubtful!r} and {self.sure!r}"
+            )
+        if not (0 <= self.longest_trail <= 64 and 0 <= self.in_trail <= 10):
+            raise SettingError("a trail lasts 0 to 64 scans, and adds 0 to 10 of log-odds")
         if not 0 <= self.look_back <= 64:
             raise SettingError(f"belief looks back 0 to 64 scans, not {self.look_back!r}")
         if not all(-10 <= one <= 10 for one in (self.through, self.ended, self.unseen)):

@@ -45,22 +45,46 @@ def objects(cells, log_odds, least):
         cell, found = inside.popitem()
         edge = [cell]
         while edge:
-            x, y, z = edge.pop()
-            for near in [cell for cell in inside if max(abs(cell[0] - x), abs(cell[1] - y), abs(cell[2] - z)) <= 1]:
+            here = edge.pop()
+            for near in [cell for cell in inside if touch(cell, here)]:
                 found |= inside.pop(near)
                 edge.append(near)
         yield sorted(found)
 
 
-def agreed(cells, log_odds, least, doubtful):
+def agreed(cells, log_odds, least, doubtful, trail=(), more=0.0):
     """The log-odds of all points, where those of an object have its median, but that those below `doubtful` are not
-    raised; of an even number the upper one."""
+    raised; of an even number the upper one. Those of objects in the trail have `more`."""
     values = list(log_odds)
     for found in objects(cells, log_odds, least):
-        median = sorted(log_odds[j] for j in found)[len(found) // 2]
+        median = middle(log_odds[j] for j in found)
         for i in found:
-            values[i] = median if log_odds[i] >= doubtful else min(median, log_odds[i])
+            if log_odds[i] >= min(doubtful, median):
+                values[i] = median + more * (cells[i] in trail)
     return values
+
+
+def trail(cells, log_odds, least, before, sure, longest):
+    """{voxel: scans since its object surely moved}; `before`: that of the scan before."""
+    kept = {}
+    for found in objects(cells, log_odds, least):
+        voxels = {cells[i] for i in found}
+        ages = [age + 1 for other, age in before.items() if any(touch(other, voxel) for voxel in voxels)]
+        ages += [0] if middle(log_odds[i] for i in found) > sure else []
+        if ages and min(ages) <= longest:
+            kept.update(dict.fromkeys(voxels, min(ages)))
+    return kept
+
+
+def middle(values):
+    """The median, of an even number the upper one."""
+    values = sorted(values)
+    return values[len(values) // 2]
+
+
+def touch(one, other):
+    """Whether two voxels do, if only at a corner; or are one."""
+    return max(abs(a - b) for a, b in zip(one, other, strict=True)) <= 1
 
 
 class Sets:

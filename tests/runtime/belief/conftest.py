@@ -11,7 +11,8 @@ from runtime.runner import MosRunner
 from tests.support import street
 from tests.support.paths import BUNDLE
 
-HORIZON = 3
+PLACES, TRAIL = 3, 1  # scans that what is believed of a place, and of an object, depends on
+HORIZON = PLACES + TRAIL
 COUNT = 16  # more than a result depends on
 
 
@@ -37,7 +38,8 @@ def bundle(scans, tmp_path_factory):
     with MosRunner(folder, threads=1, postprocess="none") as plain:
         middle = float(np.median(np.concatenate([plain(*scan).probability for scan in scans])))
     manifest = json.loads((folder / "manifest.json").read_text())
-    manifest["tuned"]["belief"] = {"horizon": HORIZON, "voxel_size": 0.5, "weight": 0.5, "look_back": 0}
+    numbers = {"horizon": PLACES, "voxel_size": 0.5, "weight": 0.5, "look_back": 0, "longest_trail": TRAIL}
+    manifest["tuned"]["belief"] = numbers
     for sensor in manifest["sensors"]:
         sensor["decision"] |= {"belief_threshold": middle, "delayed_threshold": middle}
     (folder / "manifest.json").write_text(json.dumps(manifest))

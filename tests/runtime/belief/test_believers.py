@@ -18,7 +18,8 @@ from tests.support.paths import BUNDLE
 from tests.support.sights import RANGE_IMAGE, unseen
 
 ALONE = BeliefNumbers(voxel_size=0.5, horizon=3, weight=0.4, floor=-2.0, object_probability=1.0, look_back=0)
-TOGETHER = replace(ALONE, object_probability=0.5, doubtful=0.7)
+TOGETHER = replace(ALONE, object_probability=0.5, doubtful=0.7, in_trail=0.0)
+FOLLOWED = replace(TOGETHER, sure=0.8, longest_trail=2, in_trail=0.7)
 THRESHOLD = 0.4
 ENTRY = SensorEntry("tiny", RANGE_IMAGE, decision=Decision(belief_threshold=THRESHOLD))
 
@@ -43,9 +44,9 @@ def labels(probability):
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("numbers", [ALONE, TOGETHER])
+@pytest.mark.parametrize("numbers", [ALONE, TOGETHER, FOLLOWED])
 def test_like_the_reference(numbers, threads):
-    believer, past = Online(numbers, ENTRY, Workers(threads)), []
+    believer, past, trail = Online(numbers, ENTRY, Workers(threads)), [], {}
     lifted = lowered = 0
     for scan, pose, probability in drive(7):
         got = believer.believe(scan, pose, labels(probability), unseen, follows=bool(past))
@@ -57,8 +58,11 @@ def test_like_the_reference(numbers, threads):
             for cell, p in zip(cells, probability, strict=True)
         ]
         if numbers.object_probability < 1:
-            limits = (reference.log_odds(p) for p in (numbers.object_probability, numbers.doubtful))
-            wanted = reference.agreed(cells, wanted, *limits)
+            least, doubtful, sure = (
+                reference.log_odds(p) for p in (numbers.object_probability, numbers.doubtful, numbers.sure)
+            )
+            trail = reference.trail(cells, wanted, least, trail, sure, numbers.longest_trail) if past else {}
+            wanted = reference.agreed(cells, wanted, least, doubtful, trail, numbers.in_trail)
         for i, cell in enumerate(cells):
             if cell is None:
                 assert (got.labels.moving[i], got.labels.probability[i]) == (False, 0)
@@ -121,6 +125,10 @@ def test_votes_are_not_believed():
         {"object_probability": float("nan")},
         {"doubtful": 0.0},
         {"doubtful": 1.0},
+        {"sure": 1.0},
+        {"longest_trail": -1},
+        {"longest_trail": 65},
+        {"in_trail": -1.0},
         {"look_back": -1},
         {"look_back": 65},
         {"through": float("nan")},

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from runtime.belief.objects import agree
+from runtime.belief.objects import agree, find_objects
 from runtime.belief.places import Surveyor
 from runtime.compute.workers import Workers
 from runtime.image.entry import Entry
@@ -27,6 +27,11 @@ def cells_of(scan, pose=NOTHING):
     return reference.places(scan.points, scan.takes_part, pose, probability, SIZE)[0]
 
 
+def let_agree(places, log_odds, least=LEAST):
+    objects = find_objects(places, log_odds, least)
+    agree(objects, np.zeros(len(objects.keys), np.float32), log_odds, DOUBTFUL)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_like_the_reference(seed):
     """Many objects, touching places on both sides of the origin, points that take no part, and others in between."""
@@ -37,7 +42,7 @@ def test_like_the_reference(seed):
     pose[:3, 3] = rng.uniform(-3, 3, 3)
     log_odds = rng.normal(-2, 3, len(xyz)).astype(np.float32)
     (places, scan), got = places_of(xyz, pose), log_odds.copy()
-    agree(places, got, LEAST, DOUBTFUL)
+    let_agree(places, got)
     want = reference.agreed(cells_of(scan, pose), log_odds.tolist(), LEAST, DOUBTFUL)
     np.testing.assert_array_equal(got, np.float32(want))
     assert 10 < (got != log_odds).sum() < 400
@@ -50,19 +55,19 @@ def test_far_from_the_origin_keys_wrap_around():
     pose = np.eye(4)
     pose[:3, 3] = edge - 1
     log_odds = np.array([3, 1, 2], np.float32)
-    agree(places_of(xyz, pose)[0], log_odds, LEAST, DOUBTFUL)
+    let_agree(places_of(xyz, pose)[0], log_odds)
     assert log_odds.tolist() == [2, 2, 2]
 
 
 def test_of_an_even_number_the_upper_median():
     log_odds = np.array([-0.5, 4, 2, 0], np.float32)
-    agree(places_of([(3, 0.1 * i, 0) for i in range(4)])[0], log_odds, LEAST, DOUBTFUL)
+    let_agree(places_of([(3, 0.1 * i, 0) for i in range(4)])[0], log_odds)
     assert log_odds.tolist() == [2, 2, 2, 2]
 
 
 def test_what_surely_stands_is_not_raised_but_has_a_say():
     log_odds = np.array([-1, -1.5, 4, -2, 5], np.float32)
-    agree(places_of([(3, 0.1 * i, 0) for i in range(5)])[0], log_odds, LEAST, DOUBTFUL)
+    let_agree(places_of([(3, 0.1 * i, 0) for i in range(5)])[0], log_odds)
     assert log_odds.tolist() == [-1, -1.5, -1, -2, -1]
 
 
@@ -70,7 +75,7 @@ def test_what_surely_stands_is_not_raised_but_has_a_say():
 def test_nothing_to_agree(least):
     for xyz, given in (([], []), ([(3, 0, 0), (3, 0.1, 0)], [-5, -9]), ([(3, 0, 0), (30, 0, 0)], [5, 1])):
         log_odds = np.array(given, np.float32)
-        agree(places_of(np.reshape(xyz, (-1, 3)))[0], log_odds, least, DOUBTFUL)
+        let_agree(places_of(np.reshape(xyz, (-1, 3)))[0], log_odds, least)
         assert log_odds.tolist() == given
 
 
@@ -79,5 +84,5 @@ def test_one_object_of_a_whole_scan():
     xyz = rng.uniform(0.3, 6, (20_000, 3))
     log_odds = rng.normal(5, 1, len(xyz)).astype(np.float32)
     want = np.sort(log_odds)[len(log_odds) // 2]
-    agree(places_of(xyz)[0], log_odds, LEAST, DOUBTFUL)
+    let_agree(places_of(xyz)[0], log_odds)
     assert set(log_odds.tolist()) == {float(want)}
