@@ -75,8 +75,8 @@ def voxelise(
     marks = np.zeros((0, 0), np.uint32)
     if near is not None:
         marks = np.zeros((_SIDE, _SIDE), np.uint32)
-        apart = min(-(-near[1] >> BLOCK), _SIDE // 2)
-        _mark(xyz, size, lowest, mask, np.flatnonzero(np.require(near[0], np.bool_)), apart, marks)
+        reach = min(near[1], _SIDE // 2 << BLOCK)
+        _mark(xyz, size, lowest, mask, np.flatnonzero(np.require(near[0], np.bool_)), reach, marks)
     keys, points = np.empty(count, np.int64), np.empty(count, np.int32)
     ends = np.zeros(tasks, np.int64)
 
@@ -133,24 +133,24 @@ def _extent(xyz, valid, start, stop, box):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _mark(xyz, size, lowest, valid, candidates, apart, marks):  # type: ignore[no-untyped-def]
-    """Set the bits (of z) of all blocks at most `apart` blocks from one with a candidate."""
-    seen = np.zeros_like(marks)
-    tower = np.uint64((1 << min(2 * apart + 1, _HEIGHT)) - 1)
+def _mark(xyz, size, lowest, valid, candidates, reach, marks):  # type: ignore[no-untyped-def]
+    """Set the bits (of z) of all blocks with a place for a voxel that is at most `reach` voxels from a candidate's."""
+    low, high, before = np.empty(3, np.int64), np.empty(3, np.int64), np.full(3, -1, np.int64)
     for i in candidates:
         if not valid[i]:
             continue
-        x = _cell(xyz[i, 0], size) - lowest[0] >> BLOCK
-        y = _cell(xyz[i, 1], size) - lowest[1] >> BLOCK
-        z = _cell(xyz[i, 2], size) - lowest[2] >> BLOCK
-        own = np.uint32(1) << np.uint32(z & _HEIGHT - 1)
-        if seen[x & _SIDE - 1, y & _SIDE - 1] & own:
+        same = True
+        for axis in range(3):
+            voxel = _cell(xyz[i, axis], size) - lowest[axis]
+            low[axis], high[axis] = voxel - reach >> BLOCK, voxel + reach >> BLOCK
+            same &= voxel == before[axis]
+            before[axis] = voxel
+        if same:
             continue
-        seen[x & _SIDE - 1, y & _SIDE - 1] |= own
-        turned = tower << np.uint64(z - apart & _HEIGHT - 1)
-        around = np.uint32((turned | turned >> np.uint64(_HEIGHT)) & np.uint64(0xFFFFFFFF))
-        for u in range(x - apart, x + apart + 1):
-            for v in range(y - apart, y + apart + 1):
+        tower = np.uint64((1 << min(high[2] - low[2] + 1, _HEIGHT)) - 1) << np.uint64(low[2] & _HEIGHT - 1)
+        around = np.uint32((tower | tower >> np.uint64(_HEIGHT)) & np.uint64(0xFFFFFFFF))
+        for u in range(low[0], high[0] + 1):
+            for v in range(low[1], high[1] + 1):
                 marks[u & _SIDE - 1, v & _SIDE - 1] |= around
 
 
