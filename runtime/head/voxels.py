@@ -135,16 +135,16 @@ def _extent(xyz, valid, start, stop, box):  # type: ignore[no-untyped-def]
 @kernel
 def _mark(xyz, size, lowest, valid, candidates, reach, marks):  # type: ignore[no-untyped-def]
     """Set the bits (of z) of all blocks with a place for a voxel that is at most `reach` voxels from a candidate's."""
-    low, high, before = np.empty(3, np.int64), np.empty(3, np.int64), np.full(3, -1, np.int64)
+    low, high = np.ones(3, np.int64), np.zeros(3, np.int64)  # blocks around the candidate before
     for i in candidates:
         if not valid[i]:
             continue
         same = True
         for axis in range(3):
             voxel = _cell(xyz[i, axis], size) - lowest[axis]
-            low[axis], high[axis] = voxel - reach >> BLOCK, voxel + reach >> BLOCK
-            same &= voxel == before[axis]
-            before[axis] = voxel
+            first, last = voxel - reach >> BLOCK, voxel + reach >> BLOCK
+            same &= (first == low[axis]) & (last == high[axis])
+            low[axis], high[axis] = first, last
         if same:
             continue
         tower = np.uint64((1 << min(high[2] - low[2] + 1, _HEIGHT)) - 1) << np.uint64(low[2] & _HEIGHT - 1)
