@@ -81,7 +81,7 @@ class BeliefNumbers:
     doubtful: float = 0.25  # probability from which on points are raised to what their object is believed to be
     sure: float = 0.75  # probability above which an object surely moves
     longest_trail: int = 8  # scans for which it counts as one that did so a moment ago
-    in_trail: float = 2.0  # log-odds that this adds
+    in_trail: float = 1.0  # log-odds that this adds
     look_back: int = 29  # scans back, in the oldest of which the places of points that may move are looked at; 0: none
     through: float = 0.6  # log-odds of a look at a place that went on to something behind
     ended: float = -0.4  # of one that ended there

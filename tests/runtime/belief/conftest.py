@@ -13,7 +13,7 @@ from tests.support.paths import BUNDLE
 
 PLACES, TRAIL = 3, 1  # scans that what is believed of a place, and of an object, depends on
 HORIZON = PLACES + TRAIL
-COUNT = 16  # more than a result depends on
+COUNT = 17  # more than a result depends on
 
 
 def files(out):

@@ -13,7 +13,7 @@ from runtime.recordings.recording import Options
 from runtime.recordings.registry import open_recording
 from runtime.runner import MosRunner
 from runtime.settings import LONGEST_DELAY
-from tests.runtime.belief.conftest import COUNT, HORIZON, files
+from tests.runtime.belief.conftest import COUNT, PLACES, files
 from tests.support.paths import BUNDLE
 
 DELAY = 2
@@ -217,4 +217,4 @@ def test_what_is_held_back_is_bounded(runner, scans):
     for i in range(3 * COUNT):
         (runner if i % 2 else runner.remember)(scans[0][0], scans[0][1])
         assert len(runner._delay._line) <= DELAY + 1
-    assert runner.history_length - HISTORY == HORIZON + DELAY
+    assert runner.history_length - HISTORY == PLACES + DELAY

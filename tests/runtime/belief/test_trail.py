@@ -27,7 +27,7 @@ def followed(scans):
 @pytest.mark.parametrize("seed", range(4))
 def test_like_the_reference(seed):
     rng = np.random.default_rng(seed)
-    scans = [(rng.uniform(-6, 6, (150, 3)), rng.normal(-0.5, 1.5, 150)) for _ in range(7)]
+    scans = [(rng.uniform(-5, 5, (150, 3)), rng.normal(-0.5, 1.5, 150)) for _ in range(9)]
     seen = set()
     for ages, wanted in followed(scans):
         assert sorted(ages.values()) == sorted(wanted.values())
