@@ -1,8 +1,8 @@
-"""Rewriting for the integer graph, whose maps have the channels last: pixel shuffles, gates, factors."""
+"""Rewriting for the integer graph, whose maps have the channels last: pixel shuffles, gates, factors, logits."""
 
 import numpy as np
 
-from export.graph.convolutions import bias_of, is_plain, kernel_of, set_convolution
+from export.graph.convolutions import bias_of, is_plain, is_unpadded, kernel_of, set_convolution
 from export.graph.graph import Graph, Node
 from export.graph.operations import traits
 from export.int8.shifts import shift_of
@@ -43,6 +43,24 @@ def spread_gates(graph: Graph) -> None:
                 set_convolution(graph, conv, kernel.repeat(channels, axis=0), bias.repeat(channels))
                 for step in way:
                     graph.shapes[step.output] = (1, channels, *graph.shapes[step.output][2:])
+
+
+def to_product(graph: Graph, conv: Node) -> None:
+    """Let a convolution in float that sees one pixel be a matrix product: few channels of it fill no block of ONNX's.
+
+    The same bits. Others stay as they are.
+    """
+    if not is_unpadded(conv) or kernel_of(graph, conv).shape[2:] != (1, 1) or conv.attributes["strides"] != [1, 1]:
+        return
+    made, channels, pixels = graph.channels(conv.output), graph.channels(conv.inputs[0]), graph.sizes(conv.output)[2:]
+    with graph.before(conv):
+        kernel = graph.reshape(conv.inputs[1], (made, channels))
+        values = graph.reshape(conv.inputs[0], (channels, pixels[0] * pixels[1]))
+        product = graph.add("MatMul", [kernel, values], (made, pixels[0] * pixels[1]))
+        bias = graph.weight(f"{conv.output}.bias", bias_of(graph, conv)[:, None])
+        total = graph.add("Add", [product, bias], graph.shapes[product])
+        image = graph.reshape(total, (1, made, *pixels))
+    graph.supplant(conv, image)
 
 
 def _products(graph: Graph) -> list[Node]:

@@ -12,7 +12,13 @@ from export.graph.graph import Graph
 from export.graph.image_graph import trace
 from export.graph.rewrite import fold_norms, trim_kernels
 from export.graph.serialise import onnx_bytes
-from export.int8.before_channels_last import means_to_pools, shuffle_blocks, spread_factors, spread_gates
+from export.int8.before_channels_last import (
+    means_to_pools,
+    shuffle_blocks,
+    spread_factors,
+    spread_gates,
+    to_product,
+)
 from export.int8.calibration import find_ranges, find_widths, halves_of
 from export.int8.channels_last import integer_operations
 from export.int8.equalise import equalise
@@ -44,6 +50,7 @@ class Prepared:
                 bias = bias_of(graph, node)
                 bias[-(len(bias) // len(CLASSES)) :] += moving  # the channels of a class lie together
                 set_bias(graph, node, bias)
+                to_product(graph, node)
         return onnx_bytes(integer_operations(graph))
 
 

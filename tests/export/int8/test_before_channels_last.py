@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from export.graph.image_graph import trace
-from export.int8.before_channels_last import shuffle_blocks, spread_gates
+from export.int8.before_channels_last import shuffle_blocks, spread_gates, to_product
 from tests.support.graphs import SHAPE, convolve, graph_of, image, network, run
 
 
@@ -45,3 +45,18 @@ def test_pixel_shuffles_move_runs_of_channels_where_all_that_makes_them_can_be_r
     shuffle_blocks(graph)
     assert graph.producer("y").attributes["mode"] == mode
     np.testing.assert_allclose(run(graph, x)[0], before, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("size", "stride", "op"), [(1, 1, "Reshape"), (1, 2, "Conv"), (3, 1, "Conv")])
+def test_a_convolution_of_single_pixels_is_a_matrix_product(size, stride, op):
+    graph = graph_of((1, 16, 8, 64))
+    made = convolve(graph, "image", image(1, (6, 16, size, size)), image(2, (6,)))
+    graph.finish(made, "y")
+    node = graph.producer("y")
+    node.attributes = node.attributes | {"strides": [stride, stride], "pads": [0, 0, 0, 0]}
+    graph.shapes["y"] = (1, 6, *((side - size) // stride + 1 for side in (8, 64)))
+    x = image(0, (1, 16, 8, 64))
+    before = run(graph, x)[0]
+    to_product(graph, node)
+    assert graph.producer("y").op == op
+    np.testing.assert_allclose(run(graph, x)[0], before, rtol=1e-5, atol=1e-6)
