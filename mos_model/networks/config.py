@@ -61,9 +61,10 @@ class ModelConfig(ABC):
 
     @property
     def postprocess(self) -> str:
-        """From pixels to points, unless told otherwise; those of a list of points cannot vote."""
-        alone = "knn" if self.view.cylinder is None else "none"
-        return alone if self.point_head is None else "head"
+        """From pixels to points, unless told otherwise: the vote is for what is hidden in a range image."""
+        if self.point_head is not None:
+            return "head"
+        return "knn" if self.view.bird is None and self.view.cylinder is None else "none"
 
     @property
     def in_channels(self) -> int:

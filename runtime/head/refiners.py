@@ -100,19 +100,17 @@ def choose_refiner(
     """What `settings.postprocess` names, or the bundle: "none", "knn" or "head", and what does it.
 
     decision: the thresholds, those of the sensor. execution: of the point head's ONNX engine, with the providers that
-    could be started. Raises SettingError where the bundle has no point head, and what `choose_head` raises.
+    could be started. Raises SettingError for what the bundle cannot have, and what `choose_head` raises.
     """
     manifest = bundle.manifest
     name = settings.postprocess or manifest.postprocess
+    if name not in manifest.postprocesses:
+        reason = "has no point head" if name == "head" else "sees points, not pixels that could vote"
+        others = " or ".join(map(repr, reversed(manifest.postprocesses)))
+        raise SettingError(f"bundle {manifest.name!r} {reason}: choose postprocess {others}")
     if name == "none":
         return name, Pixels(decision)
-    if name == "knn" and manifest.cylinder is not None:
-        raise SettingError(
-            f"bundle {manifest.name!r} sees points, not pixels that could vote: choose postprocess 'none'"
-        )
     if name == "knn":
         return name, Vote(decision, workers)
-    if manifest.point_head is None:
-        raise SettingError(f"bundle {manifest.name!r} has no point head: choose postprocess 'knn' or 'none'")
     head = choose_head(bundle, workers, settings.head_engine, execution)
     return name, Head(decision, head, manifest.tuned, settings.refine == "all")

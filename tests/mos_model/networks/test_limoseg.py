@@ -37,6 +37,7 @@ def test_the_bundle_is_the_network(exported: Export) -> None:
     assert (manifest.network, manifest.bird) == ("limoseg", BIRD)
     assert exported.parity.worst() < 1e-5
     assert exported.parity.point_head is not None
+    assert (replace(CONFIG, point_head=None).postprocess, CONFIG.postprocess) == ("none", "head")
 
 
 @pytest.mark.parametrize("postprocess", ["none", "knn", "head"])
