@@ -196,10 +196,8 @@ def of_checkpoint(data: bytes, rng: np.random.Generator) -> bytes:
             state = pick(states, rng)
             name = pick(list(state), rng)
             if isinstance(state[name], torch.Tensor):
-                with np.errstate(all="ignore"):
-                    state[name] = torch.from_numpy(
-                        np.array(changed_array(np.zeros(state[name].shape, "f4"), rng), "f4")
-                    )
+                other = changed_array(np.zeros(state[name].shape, "f4"), rng)
+                state[name] = torch.from_numpy(other if other.dtype.kind != "S" else other.astype("f4"))
     file = io.BytesIO()
     try:
         torch.save(content, file)

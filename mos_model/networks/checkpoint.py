@@ -123,6 +123,8 @@ def parse(content: dict[str, Any], path: str) -> Stored:
     """A checkpoint from the content of its file, of any format that there was. Raises CheckpointError."""
     if content["format"] not in (1, FORMAT):
         raise CheckpointError(f"{path}: format {content['format']!r}, but this version reads formats 1 to {FORMAT}")
+    if not isinstance(content["training"], dict):
+        raise CheckpointError(f"{path}: what it says of its training is a {type(content['training']).__name__}")
     try:
         config = read_config(content["config"])
     except SettingError as error:
@@ -153,6 +155,8 @@ def load_state(module: nn.Module, state: Any, what: str, names: Mapping[str, str
             continue
         if not isinstance(value, Tensor):
             problems.append(f"{name} is no tensor")
+        elif value.layout != torch.strided or value.is_complex() or value.is_quantized or value.is_meta:
+            problems.append(f"{name} is no tensor of plain numbers")
         elif value.shape != own[key].shape:
             problems.append(f"{name} is {tuple(value.shape)} instead of {tuple(own[key].shape)}")
         elif not value.isfinite().all():

@@ -60,7 +60,9 @@ def renamed(content: dict[str, Any], config: ModelConfig, what: str) -> dict[str
         content["point_head"] = _by_place(content["point_head"], trained, f"{what}: point head")
     resume = content["training"].get("resume")
     if resume:
-        states = {key: _by_place(resume[key], trained, what) for key in ("module", "average") if resume[key]}
+        if not isinstance(resume, dict):
+            raise CheckpointError(f"{what}: what a training goes on from is a {type(resume).__name__}")
+        states = {key: _by_place(resume[key], trained, what) for key in ("module", "average") if resume.get(key)}
         content["training"] = content["training"] | {"resume": resume | states}
     return content
 
@@ -73,4 +75,4 @@ def _by_place(state: Any, names: list[str], what: str) -> dict[str, Any]:
 
 
 def _last(name: str) -> str:
-    return name.rpartition(".")[2]
+    return str(name).rpartition(".")[2]

@@ -149,17 +149,25 @@ class _Sources:
 
     def _body(self, topic: str) -> str:
         """Of which frame the poses are; "" where the messages do not say."""
-        first = self._decoded(topic, next(self.bag.messages(topic)))
+        first = self._decoded(topic, next(self._messages(topic)))
         return plain(str(first.child_frame_id)) if self.kinds[topic] == ODOMETRY else ""
 
     def _rows(self, topic: str) -> Iterator[tuple[float, ...]]:
         """Time in s, position and quaternion x y z w of each message."""
-        for message in self.bag.messages(topic):
+        for message in self._messages(topic):
             content = self._decoded(topic, message)
             stamp, pose = content.header.stamp, content.pose.pose if self.kinds[topic] == ODOMETRY else content.pose
             time = stamp.sec + 1e-9 * stamp.nanosec
             place, turn = pose.position, pose.orientation
             yield (time or 1e-9 * message.received, place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+
+    def _messages(self, topic: str) -> Iterator[Message]:
+        """One at least. Raises PoseError, and ScanError where the bag is broken."""
+        message = None
+        for message in self.bag.messages(topic):
+            yield message
+        if message is None:
+            raise PoseError(f"{self.bag.path}: counts messages of {topic}, but holds none: it is damaged")
 
     def _decoded(self, topic: str, message: Message) -> Any:
         return self.bag.decoded(message, self.kinds[topic], f"{self.bag.path}: {topic}")

@@ -12,6 +12,8 @@ Numbers = npt.NDArray[np.float64]
 
 def matrices_of_quaternions(quaternions: Numbers) -> Numbers:
     """(..., 3, 3) of quaternions (..., 4) of any length; of zeros they are NaN."""
+    largest = np.abs(quaternions).max(axis=-1, keepdims=True)
+    quaternions = np.ldexp(quaternions, -np.frexp(largest)[1])  # exact, and their squares neither overflow nor vanish
     with np.errstate(invalid="ignore"):
         x, y, z, w = np.moveaxis(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True), -1, 0)
     rows = (

@@ -9,7 +9,6 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
@@ -202,4 +201,4 @@ def heeded():
 
 
 TestAnyOrder = AnyOrder.TestCase
-TestAnyOrder.settings = settings(examples(25), stateful_step_count=20)
+TestAnyOrder.settings = examples(25)

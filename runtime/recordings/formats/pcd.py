@@ -5,6 +5,7 @@ https://pointclouds.org/documentation/tutorials/pcd_file_format.html
 
 from dataclasses import dataclass
 from itertools import accumulate
+from math import prod
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,13 @@ from runtime.compute.packages import LZF, need_package
 from runtime.errors import ScanError
 from runtime.files import open_ordinary
 from runtime.recordings.cloud import Cloud, cloud_of
-from runtime.recordings.formats.whole_file import numbers_in, read_bytes
+from runtime.recordings.formats.whole_file import lines_of_points, numbers_in, read_bytes
 
 SUFFIXES: tuple[str, ...] = (".pcd",)
 MAX_HEADER = 65536  # bytes
+WIDEST = 65536  # numbers a point
 PADDING = "_"
+TYPES = {"I": "i", "U": "u", "F": "f"}
 
 
 def holds(head: bytes) -> bool:
@@ -56,8 +59,7 @@ def kept(path: Path, keep: npt.NDArray[np.bool_]) -> bytes:
     header = Header.of(content[:MAX_HEADER], path)
     body, count = content[header.size :], int(keep.sum())
     if header.encoding == "ascii":
-        lines = np.array([line for line in body.splitlines(keepends=True) if line.strip()][: header.points], object)
-        body = b"".join(lines[keep])
+        body = b"".join(lines_of_points(body, header.points, header.width, path)[keep])
     elif header.encoding == "binary":
         body = np.frombuffer(body, f"V{header.stride}", header.points)[keep].tobytes()
     else:
@@ -121,13 +123,18 @@ class Header:
             sizes = [int(value) for value in lines["SIZE"]]
             counts = [int(value) for value in lines.get("COUNT") or ["1"] * len(names)]
             shape = [int(*lines[key]) for key in ("WIDTH", "HEIGHT") if key in lines]
-            points = int(*lines["POINTS"]) if "POINTS" in lines else int(np.prod(shape))
-            dtypes = [np.dtype(f"<{kind.lower()}{width}") for kind, width in zip(kinds, sizes, strict=True)]
+            points = int(*lines["POINTS"]) if "POINTS" in lines else prod(shape)
+            dtypes = [np.dtype(f"<{TYPES[kind.upper()]}{width}") for kind, width in zip(kinds, sizes, strict=True)]
             parts = list(zip(names, dtypes, counts, strict=True))
-        except (ValueError, TypeError) as error:
+        except (LookupError, ValueError, TypeError) as error:
             raise ScanError(f"{path}: its header is no PCD header: {error}") from error
         encoding = lines["DATA"][0].lower()
-        if encoding not in ("ascii", "binary", "binary_compressed") or points < 0 or min(counts) < 0:
+        if (
+            encoding not in ("ascii", "binary", "binary_compressed")
+            or points < 0
+            or min(counts) < 0
+            or not 0 < sum(counts) <= WIDEST
+        ):
             raise ScanError(f"{path}: its header is no PCD header: DATA {encoding}, {points} points, COUNT {counts}")
         columns = list(accumulate(counts, initial=0))
         fields = {

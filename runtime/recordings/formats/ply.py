@@ -10,7 +10,7 @@ import numpy.typing as npt
 from runtime.errors import ScanError
 from runtime.files import open_ordinary
 from runtime.recordings.cloud import Cloud, cloud_of
-from runtime.recordings.formats.whole_file import numbers_in, read_bytes
+from runtime.recordings.formats.whole_file import lines_of_points, numbers_in, read_bytes
 
 SUFFIXES: tuple[str, ...] = (".ply",)
 MAX_HEADER = 65536  # bytes
@@ -75,8 +75,8 @@ def kept(path: Path, keep: npt.NDArray[np.bool_]) -> bytes:
     if others := [one.name for one in elements if one.rows and one is not vertices]:
         raise ScanError(f"{path}: has {', '.join(others)} beside its points, which cannot be left out one by one")
     if encoding == "ascii":
-        lines = np.array([line for line in content[at:].splitlines(keepends=True) if line.strip()], object)
-        body = b"".join(lines[: vertices.rows][keep])
+        width = None if vertices.lists else len(vertices.properties)
+        body = b"".join(lines_of_points(content[at:], vertices.rows, width, path)[keep])
     elif vertices.lists:
         raise ScanError(f"{path}: its points hold lists, and cannot be left out one by one")
     else:
@@ -147,8 +147,13 @@ def _from_lines(lines: list[str], element: Element, path: Path) -> Columns:
     if element.lists:
         lines = [" ".join(_without_lists(line.split(), element)) for line in lines]
     names = [one.name for one in element.properties if one.length is None]
-    values = numbers_in("\n".join(lines), len(names), path) if names else np.empty((element.rows, 0))
-    _check(len(values), element, path)
+    if not names:
+        return {}
+    values = numbers_in("\n".join(lines), 1, path)
+    _check(len(values) // len(names), element, path)
+    if len(values) > element.rows * len(names):
+        raise ScanError(f"{path}: rows of its element '{element.name}' hold more than its {len(names)} properties")
+    values = values.reshape(element.rows, len(names))
     return {name: values[:, index] for index, name in enumerate(names)}
 
 
@@ -177,6 +182,8 @@ def _from_bytes(content: bytes, at: int, element: Element, path: Path) -> tuple[
 
 def _from_ragged_bytes(content: bytes, at: int, element: Element, path: Path) -> tuple[Columns, int]:
     """The same where rows hold lists, of different lengths: value after value."""
+    least = sum((one.length or one.dtype).itemsize for one in element.properties)  # bytes of a row
+    _check((len(content) - at) // least, element, path)
     columns: Columns = {p.name: np.empty(element.rows, p.dtype) for p in element.properties if p.length is None}
     for row in range(element.rows):
         for one in element.properties:

@@ -24,3 +24,14 @@ def numbers_in(text: str, width: int, path: Path) -> npt.NDArray[np.float64]:
     except ValueError as error:
         raise ScanError(f"{path}: its points are not made of numbers: {error}") from error
     return values[: len(values) // width * width].reshape(-1, width)
+
+
+def lines_of_points(body: bytes, points: int, width: int | None, path: Path) -> npt.NDArray[np.object_]:
+    """The lines (N,) of a text that hold its points, with their ends.
+
+    width: numbers a line; None: that differs. Raises ScanError where points are not a line each.
+    """
+    lines = [line for line in body.splitlines(keepends=True) if line.strip()][:points]
+    if len(lines) != points or (width is not None and any(len(line.split()) != width for line in lines)):
+        raise ScanError(f"{path}: its {points} points are not a line each, and cannot be left out one by one")
+    return np.array(lines, object)

@@ -173,6 +173,9 @@ def test_nothing_is_executed(saved: Path, tmp_path: Path) -> None:
         ({"config": 5}, "does not fit this version"),
         ({"point_head": {}}, r"point head does not fit the network: stem\.kernel is missing"),
         ({"image_net": [1]}, "expected a mapping"),
+        ({"image_net": {5: torch.zeros(1)}}, "5 is not part of the network"),
+        ({"training": [1]}, "its training is a list"),
+        ({"training": {"resume": 3}, "format": 1}, "not those of the network|goes on from is a int"),
         ({"config": named_config("lmnet", channels=2).to_dict()}, "holds a point head that"),
     ],
 )
@@ -194,6 +197,7 @@ def test_load_state_names_every_key_and_leaves_the_module() -> None:
         "0.weight": torch.zeros(3, 5),
         "0.bias": torch.tensor([0.0, 1.0, float("nan")]),
         "1.weight": 7,
+        "1.bias": torch.zeros(4, dtype=torch.complex64),
         "2.weight": torch.zeros(1),
     }
     with pytest.raises(CheckpointError) as error:
@@ -203,11 +207,18 @@ def test_load_state_names_every_key_and_leaves_the_module() -> None:
         "0.weight is (3, 5) instead of (3, 2)",
         "0.bias is not finite",
         "1.weight is no tensor",
-        "1.bias is missing",
+        "1.bias is no tensor of plain numbers",
         "2.weight is not part of the network",
     ):
         assert part in str(error.value)
     assert all(torch.equal(value, before[key]) for key, value in module.state_dict().items())
+
+
+@pytest.mark.parametrize("odd", [torch.zeros(2, 2).to_sparse(), torch.zeros(2, 2, device="meta")])
+def test_tensors_of_no_plain_numbers(odd: torch.Tensor) -> None:
+    module = torch.nn.Linear(2, 2)
+    with pytest.raises(CheckpointError, match="weight is no tensor of plain numbers"):
+        checkpoint.load_state(module, {"weight": odd}, "file.pt")
 
 
 def test_load_state_under_other_names() -> None:

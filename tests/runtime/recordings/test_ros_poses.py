@@ -1,6 +1,8 @@
 """Poses of the scans of a bag: from its own topics, or from a file."""
 
 import logging
+import sqlite3
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from runtime.errors import MosWarning, PoseError, SequenceError
 from runtime.recordings.recording import Options
 from runtime.recordings.registry import open_recording
 from tests.support import street
-from tests.support.bag_writers import KINDS, START, BagWriter
+from tests.support.bag_writers import KINDS, START, BagWriter, single_file
 
 pytest.importorskip("rosbags")
 COUNT = 5
@@ -67,6 +69,18 @@ def test_poses_of_another_frame_are_said(path, kind, scans, child):
     np.testing.assert_array_equal(recording.poses[0], np.eye(4))
     with pytest.raises(SequenceError, match="has no poses on /tf"):
         open_recording(path, Options(pose_topic="/tf"))
+
+
+def test_messages_that_are_counted_and_not_there(tmp_path, scans):
+    with BagWriter(tmp_path / "log", "db3") as bag:
+        bag.cloud(scans[0], 0.0)
+        bag.pose(np.eye(4), 0.0)
+    with closing(sqlite3.connect(single_file(tmp_path / "log"))) as base:
+        base.execute("DELETE FROM messages WHERE topic_id = (SELECT id FROM topics WHERE name = '/odom')")
+        base.commit()
+    for topic in (None, "/odom"):
+        with pytest.raises(PoseError, match="counts messages of /odom, but holds none"):
+            open_recording(tmp_path / "log", Options(pose_topic=topic))
 
 
 def test_poses_that_end_early(path, kind, scans):

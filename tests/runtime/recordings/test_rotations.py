@@ -42,4 +42,8 @@ def test_one_is_as_many():
 def test_quaternions_of_any_length_but_none():
     given = np.random.default_rng(2).normal(size=(5, 4))
     np.testing.assert_allclose(matrices_of_quaternions(3 * given), Rotation.from_quat(given).as_matrix(), atol=1e-14)
-    assert np.isnan(matrices_of_quaternions(np.zeros(4))).all()
+    for length in (1e-320, 1e-200, 1e200, 1e307):  # whose squares vanish, or are infinite
+        got = matrices_of_quaternions(length * given[1:])
+        np.testing.assert_allclose(got, matrices_of_quaternions(given[1:]), atol=1e-2 if length < 1e-310 else 1e-14)
+    for none in (np.zeros(4), np.full(4, np.nan), np.array([np.inf, 0, 0, 1])):
+        assert np.isnan(matrices_of_quaternions(none)).any()

@@ -93,3 +93,24 @@ def test_points_that_other_rows_name_cannot_be_left_out(tmp_path):
     )
     with pytest.raises(ScanError, match="has face beside its points"):
         kept_points(tmp_path / "a.ply", np.array([True, False, True]))
+
+
+@pytest.mark.parametrize(
+    ("name", "head"),
+    [
+        (
+            "a.ply",
+            "ply\nformat ascii 1.0\nelement vertex 3\n"
+            + "".join(f"property float {x}\n" for x in "xyz")
+            + "end_header\n",
+        ),
+        ("a.pcd", "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 3\nHEIGHT 1\nPOINTS 3\nDATA ascii\n"),
+    ],
+)
+@pytest.mark.parametrize("lines", ["0 0 0 1\n0 0 0 1 0\n", "0 0 0\n1 0\n0\n0 1 0\n"])
+def test_points_that_are_no_line_each_cannot_be_left_out(tmp_path, name, head, lines):
+    """Nor is a file half written whose lines are others than its points."""
+    (tmp_path / name).write_text(head + lines)
+    assert len(lines.split()) == 9
+    with pytest.raises(ScanError):
+        kept_points(tmp_path / name, np.arange(len(read_cloud(tmp_path / name).data)) < 2)

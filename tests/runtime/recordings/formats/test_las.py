@@ -48,12 +48,12 @@ def test_cut_off(path, points):
             read_cloud(path)
 
 
-@pytest.mark.parametrize("at", [100, 243, "chunks"])
+@pytest.mark.parametrize("at", [100, 107, 243, 247, "chunks"])
 def test_more_than_there_is(path, points, at):
     """A few bytes that speak of gigabytes: lazrs would abort the process, laspy fill all memory."""
     write_las(path, points)
     data = bytearray(path.read_bytes())
-    data[25] = max(data[25], 4 if at == 243 else 0)
+    data[25] = max(data[25], 4 if at in (243, 247) else 0)
     if at == "chunks":
         if path.suffix == ".las":
             pytest.skip("has no chunks")
@@ -64,6 +64,30 @@ def test_more_than_there_is(path, points, at):
     for read in (read_cloud, count_points):
         with pytest.raises(ScanError, match="speaks of more than it has bytes for"):
             read(path)
+
+
+def test_what_unpacks_panics_over(path, points, capfd):
+    """By what is no Exception; and in threads of its own it would end the process."""
+    if path.suffix == ".las":
+        pytest.skip("is not packed")
+    write_las(path, points)
+    data = bytearray(path.read_bytes())
+    record = data.index(b"laszip encoded") + 16 + 2 + 2 + 32  # behind the record's head
+    data[record + 32 : record + 34] = bytes(2)  # how many parts a point has
+    path.write_bytes(data)
+    with pytest.raises(ScanError, match="cannot be read as LAS"):
+        read_cloud(path)
+    assert "panicked" in capfd.readouterr().err
+
+
+def test_scales_beyond_all_numbers(path, points):
+    write_las(path, points)
+    data = bytearray(path.read_bytes())
+    data[131:139] = np.float64(1e308).tobytes()
+    path.write_bytes(data)
+    keep = np.ones(len(read_cloud(path).data), np.bool_)
+    assert not np.isfinite(read_cloud(path).data[:, 0]).all()
+    kept_points(path, keep)
 
 
 def test_a_header_that_cannot_be_written_again(path, points):

@@ -89,6 +89,15 @@ def test_other_elements_and_lists_are_skipped(tmp_path, encoding):
         ("ply\nformat ascii 1.0\nelement face 0\nend_header\n", "no element 'vertex'; its elements are face"),
         ("ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nend_header\n", "no field y, z; its fields are x"),
         ("ply\nformat binary_little_endian 1.0\nelement face 0\nend_header\n", "no element 'vertex'"),
+        (
+            "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+            "end_header\n1 2 3 4\n1 2 3 4\n1 2\n",
+            "hold more than its 3 properties",
+        ),
+        (
+            f"ply\nformat binary_little_endian 1.0\nelement vertex {10**15}\nproperty list uint int x\nend_header\n",
+            "holds 0 of",
+        ),
     ],
 )
 def test_wrong_headers(tmp_path, header, message):
