@@ -87,6 +87,44 @@ def runner() -> Iterator[Target]:
         yield from of_file("000000.bin", (SEQUENCE / "velodyne" / "000000.bin").read_bytes(), read)
 
 
+def live(topic: str) -> Iterator[Target]:
+    """A message of a running system; what comes after it is placed."""
+    from runtime.live.clouds import Arrived, Clouds
+    from runtime.live.dds import Node
+    from runtime.live.joining import taker_of_odometry, taker_of_transforms
+    from runtime.live.pose_feed import PoseFeed
+    from runtime.recordings.pointcloud2_edits import with_labels, without
+    from runtime.recordings.recording import Options
+    from runtime.recordings.ros_topics import CLOUD
+    from tests.support.bag_writers import START, BagWriter, messages
+
+    with tempfile.TemporaryDirectory() as temporary, Node() as node:
+        with BagWriter(Path(temporary) / "log", "db3") as writer:
+            writer.cloud(SCAN, 0.0, topic="/points")
+            writer.pose(np.eye(4), 0.0)
+            writer.transform(np.eye(4), 0.0, "odom", "lidar")
+        whole = {name: found[0][1] for (name, *_), found in messages(Path(temporary) / "log").items()}
+
+        def read(path: Path) -> None:
+            feeds = [PoseFeed(Options(pose_topic=one), patience=0.0) for one in (None, "/odom")]
+            given = whole | {topic: path.read_bytes()}
+            try:
+                taker_of_transforms(node, "/tf", topic == "/tf", feeds[0])(given["/tf"])
+                taker_of_odometry(node, "/odom", feeds[1])(given["/odom"])
+                message, scan = Clouds(node, "/points", None).read(Arrived(given["/points"], START), "000000")
+                part = np.arange(len(scan.data)) % 2 == 0
+                for cloud in (with_labels(message, part, scan.data[:, 0]), without(message, part)):
+                    node.encoded(cloud, CLOUD)
+            finally:
+                taker_of_transforms(node, "/tf", False, feeds[0])(whole["/tf"])
+                taker_of_odometry(node, "/odom", feeds[1])(whole["/odom"])
+                for feed in feeds:
+                    feed.missing("lidar")
+                    feed.pose("lidar", START)
+
+        yield from of_file("message", whole[topic], read)
+
+
 def run(name: str) -> Iterator[Target]:
     """What `mos run` reads, of which labels are made; or has written, and goes on from. Labels are whole or absent."""
     from runtime import MosRunner

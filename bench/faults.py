@@ -21,7 +21,7 @@ import numpy as np
 import typer
 
 from bench.damaged import ROOT, SHIPPED, Kind, checkpoint, labels, of_bundle, poses, scan, sensor
-from bench.damaged_runs import bag, packets, recording, run, runner
+from bench.damaged_runs import bag, live, packets, recording, run, runner
 from bench.mutations import mixed, of_bytes, of_checkpoint, of_head, of_json, of_npz, of_onnx, of_words
 from bench.report import save, show
 from runtime.commands.handler import run_alone
@@ -30,6 +30,7 @@ LONGEST, WAITING = 60, 1800  # s of the processor, or of the clock, that an inpu
 LARGEST = 1000  # MB more than all inputs before it
 MOST = 20  # crashes of a kind, after which it is not gone on with
 TEXT = mixed(of_bytes, of_words)
+TOPICS = ("/points", "/odom", "/tf")
 
 KINDS: dict[str, Kind] = {
     "manifest": Kind(lambda: of_bundle("manifest.json"), mixed(of_bytes, of_json, of_json)),
@@ -68,6 +69,7 @@ KINDS: dict[str, Kind] = {
         for kind in ("bag", "db3", "mcap")
     },
     "packets of a Velodyne": Kind(packets, mixed(of_bytes, of_head), 3),
+    **{f"live, {topic}": Kind(lambda topic=topic: live(topic), mixed(of_bytes, of_head), 3) for topic in TOPICS},
     "runner": Kind(runner, of_bytes, 1),
     "run, scan": Kind(lambda: run("sequences/00/velodyne/000001.bin"), of_bytes, 1),
     "run, poses": Kind(lambda: run("sequences/00/poses.txt"), TEXT, 1),

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from runtime.bundle.manifest import BeliefNumbers
 from runtime.bundle.residual import HISTORY
 from runtime.compute.arena import aligned_empty
+from runtime.compute.arguments import need
 from runtime.compute.jit import fast_kernel, inlined
 from runtime.compute.workers import Workers
 from runtime.image.projection import BLOCK, pixel_scale, project_block
@@ -89,7 +90,12 @@ class FreeSpace:
         self._added = sight.number + 1
 
     def weigh(self, sight: Sight, log_odds: NDArray[np.float32], least: float) -> None:
-        """Add what other scans say to the log-odds (N,) of the points that have at least `least`, in place."""
+        """Add what other scans say to the log-odds (N,) of the points that have at least `least`, in place.
+
+        Raises ScanError.
+        """
+        need(sight.points, "points", (None, 4), np.float32)
+        need(log_odds, "log_odds", sight.points.shape[:1], np.float32)
         numbers = [number for lag in self._lags if (number := sight.number - lag) in self._poses]
         if numbers:
             chosen = np.flatnonzero(log_odds >= least)

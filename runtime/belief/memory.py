@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.compute.arena import aligned_empty
+from runtime.compute.arguments import need
 from runtime.compute.hashing import hash_of
 from runtime.compute.jit import kernel
 from runtime.compute.workers import Workers
@@ -50,7 +51,11 @@ class Memory:
         self._scans = 0  # since then
 
     def recall(self, keys: NDArray[np.int64]) -> NDArray[np.float32]:
-        """The sum (V,) of the evidence that past scans found at the voxels `keys` (V,); 0 where there is none."""
+        """The sum (V,) of the evidence that past scans found at the voxels `keys` (V,); 0 where there is none.
+
+        Raises ScanError.
+        """
+        need(keys, "keys", (None,), np.int64)
         found = np.empty(len(keys), np.float32)
         self._workers.ranges(
             lambda start, stop: _recall(keys[start:stop], self._scans, *self._tables, found[start:stop]),
@@ -60,7 +65,12 @@ class Memory:
         return found
 
     def add(self, keys: NDArray[np.int64], evidence: NDArray[np.float32]) -> None:
-        """Keep the evidence (V,), within +-15, that a scan found at its voxels, each of them once in `keys` (V,)."""
+        """Keep the evidence (V,), within +-15, that a scan found at its voxels, each of them once in `keys` (V,).
+
+        Raises ScanError.
+        """
+        need(keys, "keys", (None,), np.int64)
+        need(evidence, "evidence", keys.shape, np.float32)
         self._workers.each(lambda part: _add(keys, evidence, self._scans, part, *self._tables), _PARTS)
         self._scans += 1
 

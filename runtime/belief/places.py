@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from runtime.belief.free_space import Sight
 from runtime.compute.arena import Arena
+from runtime.compute.arguments import need
 from runtime.compute.hashing import slot_of
 from runtime.compute.jit import inlined, kernel
 from runtime.compute.workers import Workers
@@ -56,8 +57,12 @@ class Surveyor:
     def survey(self, sight: Sight, takes_part: NDArray[np.bool_], probability: NDArray[np.float32]) -> Places:
         """Places of a scan, by which of its points take part (N,), and the probability (N,) that each of them moves.
 
-        Voxels are those of the world's grid, counted in float64: a scan's places depend on nothing but itself.
+        Voxels are those of the world's grid, counted in float64: a scan's places depend on nothing but itself. Raises
+        ScanError.
         """
+        need(sight.points, "points", (None, 4), np.float32)
+        need(takes_part, "takes_part", sight.points.shape[:1], np.bool_)
+        need(probability, "probability", sight.points.shape[:1], np.float32)
         self._arena.next_scan()
         count, take = len(sight.points), self._arena.take
         to_voxels = np.ascontiguousarray(sight.pose[:3] / self._size)

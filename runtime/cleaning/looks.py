@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from runtime.belief.free_space import ENDED, THROUGH, look
 from runtime.cleaning.voxel_votes import MovingVoxels
+from runtime.compute.arguments import need
 from runtime.compute.jit import inlined, kernel
 from runtime.recordings.poses import Pose
 
@@ -33,7 +34,9 @@ class Looks:
         self._image = np.empty((_ROWS, _COLUMNS), np.float32)
 
     def add(self, points: NDArray[np.float32], place: Pose) -> None:
-        """Those of the next scan: points (N, 3) m, as the LiDAR sees them; place: T_lidar_world."""
+        """Those of the next scan: points (N, 3) m, as the LiDAR sees them; place: T_lidar_world. Raises ScanError."""
+        need(points, "points", (None, 3), np.float32)
+        need(place, "place", (4, 4), np.float64)
         self._scans += 1
         near = self._scans - WINDOW, self._scans + WINDOW + 1
         start, stop = np.searchsorted(self.voxels.last, near)

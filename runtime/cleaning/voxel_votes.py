@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.compute.arguments import need
 from runtime.compute.hashing import hash_of
 from runtime.compute.jit import inlined, kernel
 from runtime.errors import SettingError
@@ -61,8 +62,11 @@ class VoxelVotes:
     def add(self, points: NDArray[np.float64], remission: NDArray[np.float32], moving: NDArray[np.bool_]) -> None:
         """The votes of a scan: points (N, 3) m in the world, remission (N,), and what moves of them (N,).
 
-        Points that are not finite, or 2^20 voxels from the origin, are in no voxel.
+        Points that are not finite, or 2^20 voxels from the origin, are in no voxel. Raises ScanError.
         """
+        need(points, "points", (None, 3), np.float64)
+        need(remission, "remission", (len(points),), np.float32)
+        need(moving, "moving", (len(points),), np.bool_)
         while self._used + len(points) > FULL * len(self._rows[0]):
             grown = _empty(2 * len(self._rows[0]))
             _move(*self._rows, *grown)
@@ -71,7 +75,8 @@ class VoxelVotes:
         self._used += _add(points, remission, moving, self._inverse, self._scans, *self._rows)
 
     def moves(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(N,) whether points (N, 3) m are in voxels that move."""
+        """(N,) whether points (N, 3) m are in voxels that move. Raises ScanError."""
+        need(points, "points", (None, 3), np.float64)
         found = np.empty(len(points), np.bool_)
         _look_up(points, self._inverse, *self._rows[:4], found)
         return found

@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Callable
 
-from runtime.errors import SequenceError, some
+from runtime.errors import MosError, SequenceError, some
 from runtime.live.clouds import Arrived
 from runtime.live.dds import SENSOR, Node, Quality
 from runtime.live.newest import Newest
@@ -56,17 +56,44 @@ def take_clouds(node: Node, topic: str) -> Newest[Arrived]:
 
 
 def take_poses(node: Node, topic: str | None, feed: PoseFeed) -> None:
-    """Transforms, and the odometry of a topic. Raises SequenceError where that is of another type."""
+    """Transforms, and the odometry of a topic. Raises SequenceError where that is of another type.
+
+    A message that cannot be read counts as none, which is said once a topic: anybody may publish there.
+    """
     for name in ("/tf", f"/{STATIC}"):
         static = name.endswith(STATIC)
-        node.subscribe(name, TF[0], Quality(latched=static), _transforms(node, name, static, feed))
+        node.subscribe(
+            name, TF[0], Quality(latched=static), careful(name, taker_of_transforms(node, name, static, feed))
+        )
     if topic is not None:
         kind = node.offered().get(topic, (ODOMETRY, True))[0]
         if kind != ODOMETRY:
             raise SequenceError(f"{topic} (`pose_topic`) is of {kind}, not of {ODOMETRY}")
         odometry = Quality(reliable=False)  # also takes what is reliable
-        node.subscribe(topic, ODOMETRY, odometry, lambda data: feed.add_odometry(node.decoded(data, ODOMETRY, topic)))
+        node.subscribe(topic, ODOMETRY, odometry, careful(topic, taker_of_odometry(node, topic, feed)))
 
 
-def _transforms(node: Node, name: str, static: bool, feed: PoseFeed) -> Callable[[bytes], None]:
+def careful(topic: str, take: Callable[[bytes], object]) -> Callable[[bytes], None]:
+    """`take`, but for what it refuses."""
+    said = False
+
+    def taken(data: bytes) -> None:
+        nonlocal said
+        try:
+            take(data)
+        except MosError as error:
+            if not said:
+                log.warning("a message is left out, the first of %s: %s", topic, error)
+            said = True
+
+    return taken
+
+
+def taker_of_odometry(node: Node, topic: str, feed: PoseFeed) -> Callable[[bytes], None]:
+    """Takes the messages of a topic, for the feed. It raises ScanError."""
+    return lambda data: feed.add_odometry(node.decoded(data, ODOMETRY, topic))
+
+
+def taker_of_transforms(node: Node, name: str, static: bool, feed: PoseFeed) -> Callable[[bytes], None]:
+    """The same of TF. static: they hold for ever."""
     return lambda data: feed.add_transforms(node.decoded(data, TF[0], name), static)

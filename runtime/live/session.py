@@ -86,6 +86,7 @@ class Session:
             assert scan.time is not None
             pose = self._placing.pose(clouds.frame, scan.time)
             result = self._runner(scan, pose)
+            labelled = with_labels(message, result.moving, result.probability, clouds.topic)
         except NoPosesError:
             raise
         except PoseError as error:
@@ -97,7 +98,6 @@ class Session:
             self.summary.broken += 1
             self._warn("scan", f"a cloud is left out: {error}")
             return
-        labelled = with_labels(message, result.moving, result.probability, clouds.topic)
         for name, cloud in zip(TOPICS, (labelled, without(message, ~result.moving)), strict=True):
             self.summary.slow += not publish[name](self._node.encoded(cloud, CLOUD))
         self.summary.scans += 1

@@ -5,15 +5,23 @@ import dataclasses
 import numpy as np
 import pytest
 
+from runtime.belief.free_space import FreeSpace, Sight
+from runtime.belief.memory import Memory
+from runtime.belief.places import Surveyor
+from runtime.bundle.manifest import BeliefNumbers
+from runtime.cleaning.looks import Looks
+from runtime.cleaning.voxel_votes import VoxelVotes
 from runtime.compute.arena import Arena
 from runtime.compute.workers import Workers
 from runtime.errors import ScanError
+from runtime.head.cylinder.cells import CellScale
 from runtime.head.sparse.convolution import convolve, dense, pack, padded
 from runtime.head.sparse.kernel_map import build_scales, neighbours, table_map
 from runtime.head.transfer import FeatureMap, classify, exchange, features_to_voxels
 from runtime.head.voxels import voxelise
 from runtime.image.decision import point_results, take_refined
 from runtime.image.vote import knn_vote
+from runtime.sensors.range_image import RangeImage
 
 WORKERS = Workers(1)
 FAR = 1 << 30  # beyond everything that is there
@@ -71,7 +79,59 @@ def changed_map(**values):
     return {"kernel_map": dataclasses.replace(convolution()["kernel_map"], **values)}
 
 
+KEYS = np.arange(5, dtype=np.int64)
+PLACE = np.eye(4)
+
+
+def bools(count):
+    return np.ones(count, np.bool_)
+
+
+def memory():
+    return Memory(8, WORKERS, sets=16)
+
+
+def votes():
+    return VoxelVotes(0.1)
+
+
+def sight(points=3):
+    return Sight(floats(points, 4), PLACE, 0, floats(16, 32))
+
+
+def free_space():
+    found = FreeSpace(BeliefNumbers(), RangeImage(16, 32), WORKERS)
+    for _ in range(20):
+        found.add(found.sight(floats(3, 4), PLACE, floats(16, 32)))
+    return found.weigh
+
+
+LOOKS = {"points": floats(3, 3), "place": PLACE}
+SURVEY = {"sight": sight(), "takes_part": bools(3), "probability": floats(3)}
+WEIGH = {"sight": sight(), "log_odds": floats(3), "least": -9.0}
+KEEP = {"keys": KEYS, "evidence": floats(5)}
+VOTES = {"points": np.ones((3, 3)), "remission": floats(3), "moving": bools(3)}
+SCALE = {"size": (2, 3, 4), "cells": pixels(0, 23), "rows": np.full(24, -1, np.int32)}
+
+
 CASES = [
+    (memory().add, KEEP, {"evidence": floats(4)}),
+    (memory().add, KEEP, {"keys": np.arange(5, dtype=np.int32)}),
+    (memory().recall, {"keys": KEYS}, {"keys": KEYS.astype(np.float64)}),
+    (Surveyor(0.2, WORKERS).survey, SURVEY, {"takes_part": bools(2)}),
+    (Surveyor(0.2, WORKERS).survey, SURVEY, {"probability": floats(2)}),
+    (Surveyor(0.2, WORKERS).survey, SURVEY, {"sight": sight(4)}),
+    (free_space(), WEIGH, {"log_odds": floats(FAR >> 20)}),
+    (free_space(), WEIGH, {"sight": sight(2)}),
+    (votes().add, VOTES, {"remission": floats(2)}),
+    (votes().add, VOTES, {"moving": bools(2)}),
+    (votes().add, VOTES, {"points": np.ones((3, 2))}),
+    (votes().moves, {"points": np.ones((3, 3))}, {"points": np.ones((3, 2))}),
+    (Looks(votes().moving()).add, LOOKS, {"points": floats(3, 2)}),
+    (Looks(votes().moving()).add, LOOKS, {"place": np.eye(3)}),
+    (CellScale, SCALE, {"rows": np.full(23, -1, np.int32)}),
+    (CellScale, SCALE, {"cells": pixels(24)}),
+    (CellScale, SCALE, {"cells": pixels(-1)}),
     (knn_vote, VOTE, {"pixel": pixels(0, FAR, -1)}),
     (knn_vote, VOTE, {"pixel": pixels(0, 512, -1)}),
     (knn_vote, VOTE, {"ranges": floats(2)}),

@@ -6,11 +6,13 @@ each axis, layers fastest, then sectors, then rings.
 """
 
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.compute.arena import Arena
+from runtime.compute.arguments import need, need_below
 from runtime.compute.jit import inlined, kernel
 from runtime.compute.workers import Workers
 from runtime.head.sparse.kernel_map import KernelMap, table_map
@@ -34,11 +36,16 @@ Cells = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class CellScale:
-    """The occupied cells of one scale."""
+    """The occupied cells of one scale. Raises ScanError where they do not fit."""
 
     size: Cells  # cells on each axis
     cells: NDArray[np.int32]  # (V,) numbers, rising
     rows: NDArray[np.int32]  # (size,) row of each cell, -1: none
+
+    def __post_init__(self) -> None:
+        need(self.cells, "cells", (None,), np.int32)
+        need(self.rows, "rows", (prod(self.size),), np.int32)
+        need_below(self.cells, len(self.rows), "cells", lowest=0)
 
 
 def occupied(numbers: NDArray[np.int32], size: Cells, arena: Arena) -> CellScale:
