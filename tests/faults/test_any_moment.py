@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import tempfile
-import time
 from pathlib import Path
 from typing import ClassVar
 
@@ -97,10 +96,8 @@ class AnyMoment(RuleBasedStateMachine):
 
     @rule(way=ways, overwrite=st.booleans(), number=strikes, moment=st.floats(0, 0.6))
     def struck_at_a_moment(self, way, overwrite, number, moment):
-        process = self.start(self.out, way, overwrite)
-        time.sleep(moment)
-        os.kill(process.pid, number)
-        if (code := code_of(process)) not in ENDS[number]:
+        code = code_of(self.start(self.out, way, overwrite, strike=Strike(number, seconds=moment)))
+        if code not in ENDS[number]:
             self.check(way, code)
 
     @rule(way=ways, overwrite=st.booleans(), room=st.integers(0, 32_000))

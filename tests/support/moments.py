@@ -26,11 +26,12 @@ LOADED = "tests.support.loaded"  # where these processes begin
 
 
 class Strike(NamedTuple):
-    """A signal that a process sends to itself, before its so many-th event in a folder."""
+    """A signal that a process sends to itself: before its so many-th event in a folder, or after some s."""
 
     number: int
-    event: int
-    folder: Path
+    event: int = 0
+    folder: Path | None = None
+    seconds: float = 0.0
 
 
 def start(arguments: list[str], strike: Strike | None = None, room: int | None = None) -> ForkServerProcess:
@@ -68,6 +69,10 @@ def _work(arguments: list[str], strike: Strike | None, room: int | None) -> None
 
 
 def _struck(strike: Strike) -> None:
+    if strike.folder is None:
+        timer = threading.Timer(strike.seconds, os.kill, (os.getpid(), strike.number))
+        timer.daemon = True
+        return timer.start()
     left = [strike.event]
 
     def watch(event: str, arguments: tuple[Any, ...]) -> None:
