@@ -19,7 +19,7 @@ from runtime.recordings.poses import Pose
 CELL = math.radians(0.4)  # of directions, in azimuth and elevation
 WINDOW = 100  # scans before and after a place was seen last: beyond, poses may have drifted
 COLUMN = 0.8  # m, side of columns of the world, whose places are judged together
-FREE = 0.2  # share of the looks that go through a column in which something moves, at least
+FREE = 0.35  # share of the looks that go through a column in which something moves, at least: `bench.free_share`
 _COLUMNS, _ROWS = round(2 * math.pi / CELL), round(math.pi / CELL)
 _NEAREST = 0.5  # m, of returns
 
@@ -45,15 +45,16 @@ class Looks:
             counts = self.through[start:stop], self.ended[start:stop]
             _look(self.voxels.places[start:stop], place, self._image, *counts)
 
-    def free(self) -> NDArray[np.bool_]:
-        """(M,) whether rays went through a voxel, and by at least `FREE` of all looks through what moves in its column.
+    def free(self, least: float = FREE) -> NDArray[np.bool_]:
+        """(M,) whether rays went through a voxel, and by at least this share of all looks through what moves in its
+        column.
 
         The column tells what moves from what stands and was seen past at its edges; the voxel, from the ground below.
         """
         columns = np.floor(self.voxels.places[:, :2] / COLUMN).astype(np.int64) @ np.array((1 << 32, 1))
         column = np.unique(columns, return_inverse=True)[1]
         through, ended = (np.bincount(column, looks) for looks in (self.through, self.ended))
-        enough = through >= FREE * (through + ended)
+        enough = through >= least * (through + ended)
         free: NDArray[np.bool_] = (self.through > 0) & enough[column]
         return free
 
