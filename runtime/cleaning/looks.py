@@ -19,9 +19,11 @@ from runtime.recordings.poses import Pose
 CELL = math.radians(0.4)  # of directions, in azimuth and elevation
 WINDOW = 100  # scans before and after a place was seen last: beyond, poses may have drifted
 COLUMN = 0.8  # m, side of columns of the world, whose places are judged together
-FREE = 0.35  # share of the looks that go through a column in which something moves, at least: `bench.free_share`
+FREE = 0.35  # share of the looks that go through a column in which something moves, at least: by `bench.cleaning_rules`
+AREA = 0.1  # m^2, of the voxels that are free in a column and the 8 around it: less is no mover
 _COLUMNS, _ROWS = round(2 * math.pi / CELL), round(math.pi / CELL)
 _NEAREST = 0.5  # m, of returns
+_NEXT = 1 << 32  # from a column to the next along x; to the next along y it is 1
 
 
 class Looks:
@@ -45,18 +47,23 @@ class Looks:
             counts = self.through[start:stop], self.ended[start:stop]
             _look(self.voxels.places[start:stop], place, self._image, *counts)
 
-    def free(self, least: float = FREE) -> NDArray[np.bool_]:
-        """(M,) whether rays went through a voxel, and by at least this share of all looks through what moves in its
-        column.
+    def free(self, least: float = FREE, area: float = AREA) -> NDArray[np.bool_]:
+        """(M,) whether rays went through a voxel, by at least this share of all looks through what moves in its column,
+        and through as many voxels there and around as this area (m^2) of a surface has.
 
         The column tells what moves from what stands and was seen past at its edges; the voxel, from the ground below.
         """
-        columns = np.floor(self.voxels.places[:, :2] / COLUMN).astype(np.int64) @ np.array((1 << 32, 1))
-        column = np.unique(columns, return_inverse=True)[1]
+        of_voxel = np.floor(self.voxels.places[:, :2] / COLUMN).astype(np.int64) @ np.array((_NEXT, 1))
+        columns, column = np.unique(of_voxel, return_inverse=True)
         through, ended = (np.bincount(column, looks) for looks in (self.through, self.ended))
         enough = through >= least * (through + ended)
         free: NDArray[np.bool_] = (self.through > 0) & enough[column]
-        return free
+        size = np.bincount(column, free)
+        around = np.zeros(len(columns))
+        for step in (x * _NEXT + y for x in (-1, 0, 1) for y in (-1, 0, 1)):
+            at = np.searchsorted(columns, columns + step) % max(1, len(columns))
+            around += np.where(columns[at] == columns + step, size[at], 0)
+        return free & (around >= round(area / self.voxels.size**2))[column]
 
 
 @inlined

@@ -37,6 +37,7 @@ class MovingVoxels:
     rows: NDArray[np.int64]  # (M,) in the table, until something is added
     places: NDArray[np.float64]  # (M, 3) m, their middles
     last: NDArray[np.int32]  # (M,) numbers of these scans, from 1
+    size: float  # of a voxel, m
 
 
 class VoxelVotes:
@@ -86,7 +87,7 @@ class VoxelVotes:
         keys, last, seen, moved, *_ = self._rows
         rows = np.flatnonzero((keys != _FREE) & (2 * moved > seen))
         rows = rows[np.lexsort((keys[rows], np.abs(last[rows])))]
-        return MovingVoxels(rows, self._corners(keys[rows]) + self._size / 2, np.abs(last[rows]))
+        return MovingVoxels(rows, self._corners(keys[rows]) + self._size / 2, np.abs(last[rows]), self._size)
 
     def take_back(self, rows: NDArray[np.int64]) -> None:
         """What is in these rows stands still after all."""

@@ -7,7 +7,7 @@ import pytest
 
 from runtime.belief.free_space import ASIDE, PER_METRE
 from runtime.cleaning import looks
-from runtime.cleaning.looks import CELL, FREE, WINDOW, Looks
+from runtime.cleaning.looks import CELL, COLUMN, FREE, WINDOW, Looks
 from runtime.cleaning.voxel_votes import MovingVoxels
 
 HERE = np.eye(4)
@@ -16,7 +16,7 @@ HERE = np.eye(4)
 def voxels(places, last=None):
     places = np.array(places, float)
     last = np.ones(len(places), np.int32) if last is None else np.array(last, np.int32)
-    return MovingVoxels(np.arange(len(places)), places, last)
+    return MovingVoxels(np.arange(len(places)), places, last, 0.1)
 
 
 def cell(point):
@@ -63,7 +63,7 @@ def test_a_column_is_free_where_enough_rays_went_through(went, free):
     for scan in range(10):
         found.add(wall(20 if scan < went else 10), HERE)
     assert 0.3 < FREE <= 0.4
-    assert found.free().tolist() == [free, free]
+    assert found.free(area=0).tolist() == [free, free]
 
 
 def test_a_voxel_that_nothing_went_through_stands_still():
@@ -71,7 +71,7 @@ def test_a_voxel_that_nothing_went_through_stands_still():
     found = Looks(voxels([[10.1, 0, 0], [10.1, 0, 9]]))
     found.add(wall(20), HERE)
     assert found.through.tolist() == [1, 0]
-    assert found.free().tolist() == [True, False]
+    assert found.free(area=0).tolist() == [True, False]
 
 
 def test_scans_long_before_or_after_do_not_count(monkeypatch):
@@ -81,3 +81,17 @@ def test_scans_long_before_or_after_do_not_count(monkeypatch):
         found.add(wall(20), HERE)
     assert found.through.tolist() == [5, 7, 4]
     assert WINDOW > 3
+
+
+def test_few_voxels_alone_are_no_mover():
+    rng = np.random.default_rng(1)
+    places = np.concatenate([rng.normal((15, 0, 0), 4, (200, 3)), [[15, -20, 0], [15, 20, 0]]])
+    found = Looks(voxels(places))
+    found.through[:], found.ended[::3] = 1, 1
+    assert not found.free()[200:].any()
+    column = np.floor(places[:, :2] / COLUMN)
+    free = found.free(area=0)
+    for fewest in (3, 8):
+        beside = (np.abs(column[:, None] - column[None]).max(2) <= 1) @ free.astype(int)
+        np.testing.assert_array_equal(found.free(area=fewest * 0.01), free & (beside >= fewest))
+    assert Looks(voxels(np.empty((0, 3)))).free().shape == (0,)

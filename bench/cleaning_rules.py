@@ -1,10 +1,12 @@
-"""From which share of looks on a place was free: what `mos clean` leaves of simulated drives: `python -m bench.free_share`.
+"""What rays must have gone through, for `mos clean` to leave it out: `python -m bench.cleaning_rules`.
 
-Chosen is the share with the fewest points on the wrong side, static ones that go or dynamic ones that stay. Real drives
+Of each rule, what it leaves of simulated drives. Chosen is the share of looks with the fewest points on the wrong side,
+static ones that go or dynamic ones that stay; and the area that takes from these without taking movers. Real drives
 have no part in it.
 """
 
 import sys
+from copy import deepcopy
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,7 +18,7 @@ from mos_model.simulator import simulate
 from mos_model.tuning.thresholds import LIGHT_TRAFFIC
 from runtime import MosRunner
 from runtime.classes import MOVING, STATIC, to_classes
-from runtime.cleaning.looks import Looks
+from runtime.cleaning.looks import AREA, FREE, Looks
 from runtime.cleaning.votes import VOXEL
 from runtime.cleaning.voxel_votes import VoxelVotes
 from runtime.commands.clean import DELAY
@@ -26,13 +28,15 @@ from runtime.recordings.poses import relative_pose
 from runtime.recordings.scans import moved
 
 DRIVES = 17_500_000  # seeds from here on
-SHARES = (0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
+SHARES, AREAS = (0.2, 0.3, 0.35, 0.4, 0.5), (0.05, 0.1, 0.15, 0.2, 0.5)
+RULES = {f"{100 * share:g} % of the looks": (share, 0.0) for share in SHARES}
+RULES |= {f"{100 * FREE:g} %, {area:g} m^2": (FREE, area) for area in AREAS}
 SENSORS = ("hdl64e", "pandar64", "hdl64e", "os1-64", "hdl64e", "vlp16")
 SENSORS += ("hdl64e", "pandar64", "hdl32e", "hdl64e", "vls128", "os1-128")  # in turn
 
 
-def count_drive(number: int, scans: int, bundle: Path | None, threads: int, counts: dict[float, Confusion]) -> None:
-    """Count the points of a simulated drive by what is left out at each share of looks.
+def count_drive(number: int, scans: int, bundle: Path | None, threads: int, counts: dict[str, Confusion]) -> None:
+    """Count the points of a simulated drive by what is left out by each rule.
 
     Every third is of the wide variety that a network of several sensors learnt from, every fourth has light traffic.
     """
@@ -51,10 +55,11 @@ def count_drive(number: int, scans: int, bundle: Path | None, threads: int, coun
     looks = Looks(votes.moving())
     for scan in drive:
         looks.add(scan.points, relative_pose(scan.pose, first))
-    for share in sorted(counts):  # what is free at a share is free at all below it
-        votes.take_back(looks.voxels.rows[~looks.free(share)])
+    for name, rule in RULES.items():
+        left = deepcopy(votes)
+        left.take_back(looks.voxels.rows[~looks.free(*rule)])
         for points, scan in zip(placed, drive, strict=True):
-            counts[share].add(to_classes(scan.labels), np.where(votes.moves(points), MOVING, STATIC))
+            counts[name].add(to_classes(scan.labels), np.where(left.moves(points), MOVING, STATIC))
 
 
 def bench(
@@ -64,21 +69,21 @@ def bench(
     threads: int = 2,
     out: Annotated[Path | None, typer.Option(help="JSON file")] = None,
 ) -> None:
-    """Static points that go and dynamic ones that stay, at several shares of looks through what moves."""
-    counts = {share: Confusion() for share in SHARES}
+    """Static points that stay and dynamic ones that go, by what rays must have gone through."""
+    counts = {name: Confusion() for name in RULES}
     for number in range(drives):
         count_drive(number, scans, bundle, threads, counts)
     rows = {}
-    for share, confusion in counts.items():
+    for name, confusion in counts.items():
         static, dynamic = confusion.matrix[STATIC], confusion.matrix[MOVING]
         accuracy = {
             "static (SA), %": 100 * static[STATIC] / static.sum(),
             "dynamic (DA), %": 100 * dynamic[MOVING] / dynamic.sum(),
         }
-        rows[str(share)] = {**accuracy, "points on the wrong side": int(static[MOVING] + dynamic[STATIC])}
-    show("simulated drives, by share of looks", rows)
-    save(out, threads, {"drives": drives, "scans": scans, "first seed": DRIVES, "shares": rows})
+        rows[name] = {**accuracy, "points on the wrong side": int(static[MOVING] + dynamic[STATIC])}
+    show(f"{drives} simulated drives; chosen: {100 * FREE:g} %, {AREA:g} m^2", rows)
+    save(out, threads, {"drives": drives, "scans": scans, "first seed": DRIVES, "rules": rows})
 
 
 if __name__ == "__main__":
-    sys.exit(run_alone(bench, "free_share"))
+    sys.exit(run_alone(bench, "cleaning_rules"))
