@@ -26,13 +26,16 @@ from runtime.commands.handler import run_alone
 from runtime.evaluation.confusion import Confusion
 from runtime.recordings.poses import relative_pose
 from runtime.recordings.scans import moved
+from runtime.sensors import hesai, ouster, velodyne
 
 DRIVES = 17_500_000  # seeds from here on
 SHARES, AREAS = (0.2, 0.3, 0.35, 0.4, 0.5), (0.05, 0.1, 0.15, 0.2, 0.5)
 RULES = {f"{100 * share:g} % of the looks": (share, 0.0) for share in SHARES}
 RULES |= {f"{100 * FREE:g} %, {area:g} m^2": (FREE, area) for area in AREAS}
-SENSORS = ("hdl64e", "pandar64", "hdl64e", "os1-64", "hdl64e", "vlp16")
-SENSORS += ("hdl64e", "pandar64", "hdl32e", "hdl64e", "vls128", "os1-128")  # in turn
+HDL64E, HDL32E, VLS128, PANDAR64 = velodyne.HDL64E, velodyne.HDL32E, velodyne.VLS128, hesai.PANDAR64
+OS1_64, OS1_128 = ouster.OS1[1:3]
+_OFTEN = (HDL64E, PANDAR64, HDL64E)
+SENSORS = (*_OFTEN, OS1_64, HDL64E, velodyne.VLP16, *_OFTEN[:2], HDL32E, HDL64E, VLS128, OS1_128)  # in turn
 
 
 def count_drive(number: int, scans: int, bundle: Path | None, threads: int, counts: dict[str, Confusion]) -> None:
@@ -40,7 +43,7 @@ def count_drive(number: int, scans: int, bundle: Path | None, threads: int, coun
 
     Every third is of the wide variety that a network of several sensors learnt from, every fourth has light traffic.
     """
-    sensor = SENSORS[number % len(SENSORS)]
+    sensor = SENSORS[number % len(SENSORS)].name
     settings: dict[str, Any] = {"version": 2 if number % 3 == 2 else 1}
     if number % 4 == 1:
         settings["movers"] = LIGHT_TRAFFIC
