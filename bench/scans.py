@@ -11,17 +11,18 @@ from runtime.compute.workers import Workers
 from runtime.image.entry import Entered
 from runtime.image.inputs import InputBuilder
 from runtime.sensors.range_image import RangeImage
+from runtime.sensors.registry import DEFAULT_SENSOR
 
 T = TypeVar("T")
 Frame = tuple[np.ndarray, np.ndarray]  # (N, 4) f32, (4, 4) T_world_lidar
 
 
-def load_frames(sequence: Path | None, count: int) -> list[Frame]:
-    """The first `count` scans and poses."""
+def load_frames(sequence: Path | None, count: int, sensor: str = DEFAULT_SENSOR) -> list[Frame]:
+    """The first `count` scans and poses; sensor: of a simulated street."""
     if sequence is None:
         from mos_model.simulator import simulate
 
-        return [(frame.points, frame.pose) for frame in simulate(7, count)]
+        return [(frame.points, frame.pose) for frame in simulate(7, count, sensor)]
     from runtime.recordings.recording import Options
     from runtime.recordings.registry import open_recording
 
