@@ -53,7 +53,7 @@ def bench(
         broken = root / "logs/sequences/03/velodyne/000005.bin"
         broken.write_bytes(broken.read_bytes()[:-5])
         whole = _one_process(root, bundle)
-        command = [sys.executable, "-m", "runtime.commands.main", "run", str(root / "logs"), "--on", "ray"]
+        command = [sys.executable, "-m", "runtime.commands.start", "run", str(root / "logs"), "--on", "ray"]
         command += ["--threads", "1", *(["--piece", str(piece)] if piece else [])]
         command += ["--bundle", str(bundle.absolute())] if bundle else []
         with _Cluster() as cluster:

@@ -74,10 +74,9 @@ class MosWarning(UserWarning):
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """Whether the user ended it; where Numba hands a result over, that is the cause of a SystemError."""
-    return isinstance(error, KeyboardInterrupt) or (
-        isinstance(error, SystemError) and isinstance(error.__cause__, KeyboardInterrupt)
-    )
+    """Whether the user ended it, or what it came from: compiled code makes other errors of that, as a SystemError."""
+    before = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
+    return isinstance(error, KeyboardInterrupt) or (before is not None and is_interrupt(before))
 
 
 def some(names: list[str], most: int = 3) -> str:

@@ -30,10 +30,6 @@ class Command(TyperCommand):
             except (MosError, OSError) as error:  # OSError: a folder that may not be read
                 say(str(error))
                 raise typer.Exit(1) from None
-            except SystemError as error:
-                if not is_interrupt(error):
-                    raise
-                raise typer.Exit(130) from None
             finally:
                 SPEAKER.reset(before)
 
@@ -55,7 +51,14 @@ def exit_code(command: Any, name: str, arguments: list[str] | None = None) -> in
     try:
         command(arguments, prog_name=name)
     except SystemExit as done:  # how typer ends
+        if is_interrupt(done):
+            say("interrupted")
         return done.code if isinstance(done.code, int) else 0
+    except Exception as error:
+        if not is_interrupt(error):
+            raise
+        say("interrupted")
+        return 130
     return 0
 
 

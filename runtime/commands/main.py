@@ -1,6 +1,5 @@
 """The command `mos`: finds its commands, each in a file of its own, and runs the one that was called."""
 
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import EntryPoint, entry_points
 from typing import Annotated, Any
@@ -79,7 +78,3 @@ def main(arguments: list[str] | None = None) -> int:
     mos: Any = typer.main.get_command(app)
     mos.commands = Commands()
     return handler.exit_code(mos, "mos", arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

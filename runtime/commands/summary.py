@@ -19,7 +19,7 @@ def interruptible() -> Iterator[None]:
     """Within, an interrupt is said, and ends the command with 130."""
     try:
         yield
-    except (KeyboardInterrupt, SystemError) as error:
+    except BaseException as error:
         if not is_interrupt(error):
             raise
         say("interrupted. Finished predictions are kept; the same command goes on from there")

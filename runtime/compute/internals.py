@@ -107,3 +107,12 @@ def set_cache(kernel: Any, cache: object) -> None:
     if not hasattr(kernel, "_cache"):
         raise AttributeError("_cache")
     kernel._cache = cache
+
+
+def compile_by(take: Callable[[Callable[[], Any]], Any], kernel: Any) -> None:
+    """Let what compiles a function when it is called, or brings its code from disk, be taken by `take(step)`."""
+    try:
+        compile_for = kernel._compile_for_args
+    except AttributeError:
+        return say_missing("an interrupt may leave its compiler closed for the rest of the process")
+    kernel._compile_for_args = lambda *given, **named: take(functools.partial(compile_for, *given, **named))

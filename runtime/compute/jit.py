@@ -13,7 +13,9 @@ import llvmlite.ir
 import numba
 import numba.extending
 
+from runtime.compute.internals import compile_by
 from runtime.compute.kernel_cache import is_kept, keep
+from runtime.compute.undisturbed import undisturbed
 from runtime.errors import SettingError
 
 Function = Callable[..., Any]  # Numba finds out what the arguments are
@@ -52,6 +54,7 @@ def _compile(function: Function, **options: Any) -> Function:
         return _refusing(function)
     compiled: Function = numba.njit(nogil=True, error_model="numpy", **options)(function)
     keep(compiled)
+    compile_by(undisturbed, compiled)
     return compiled
 
 

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from contextvars import copy_context
 from typing import TypeVar
 
 Result = TypeVar("Result")
@@ -30,7 +31,7 @@ def undisturbed(step: Callable[[], Result]) -> Result:
 
     raised: BaseException | None = None
     try:
-        threading.Thread(target=take, name="mos-step").start()
+        threading.Thread(target=copy_context().run, args=(take,), name="mos-step").start()
     except RuntimeError:  # no more threads, or the program ends
         take()
     except BaseException as error:

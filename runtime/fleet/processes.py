@@ -150,7 +150,7 @@ def _serve(connection: Connection, work: Work) -> None:
         connection.send(error)
     except (EOFError, ConnectionError):  # the one that has it is gone, or needs it no more
         pass
-    except (KeyboardInterrupt, SystemError) as error:
+    except BaseException as error:
         if not is_interrupt(error):
             raise
 

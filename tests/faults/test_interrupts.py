@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 from runtime import MosRunner, MosWarning
+from runtime.compute.internals import cache_of, on_compile
+from runtime.compute.jit import kernel
 from runtime.compute.undisturbed import undisturbed
 from runtime.errors import SettingError
 from runtime.image.history import History
 from tests.runtime.test_runner import drive
-from tests.support.paths import BUNDLE, ROOT
+from tests.support.paths import BUNDLE, ROOT, TINY
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs signals and forks of POSIX")
 
@@ -185,18 +187,63 @@ for _ in range(3):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_an_interrupt_at_the_start():
-    """Whatever is being loaded: it ends without a traceback."""
-    command = [sys.executable, "-c", "import sys; from runtime.commands.start import main; sys.exit(main())", "info"]
-    began = time.perf_counter()
-    subprocess.run([*command, str(BUNDLE)], cwd=ROOT, capture_output=True, check=True)
-    whole = time.perf_counter() - began
-    for share in (0.4, 0.8):
-        with subprocess.Popen(
-            [*command, str(BUNDLE)], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-        ) as process:
-            time.sleep(share * whole)
-            process.send_signal(signal.SIGINT)
-            said = process.communicate()[1]
-        assert "Traceback" not in said or "site.py" in said or "<frozen" in said.splitlines()[-2], said
-        assert process.returncode in (0, 130, -signal.SIGINT)
+# Interrupts a command where a function is called (again) whose file and name end so
+AT = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+file, name, again, *arguments = sys.argv[1:]
+left = int(again) + 1
+def look(frame, event, _):
+    global left
+    code = frame.f_code
+    if event == "call" and code.co_filename.endswith(file) and code.co_name == name:
+        left -= 1
+        if not left:
+            sys.setprofile(None)
+            print("now", flush=True)
+            os.kill(os.getpid(), signal.SIGINT)
+from runtime.commands.start import main
+sys.setprofile(look)
+sys.exit(main(arguments))
+"""
+
+
+@pytest.mark.parametrize(
+    ("file", "name", "again"),
+    [
+        ("<frozen importlib._bootstrap_external>", "exec_module", 100),  # an import
+        ("numpy/__init__.py", "<module>", 0),
+        ("typer/core.py", "_main", 0),  # nothing has begun
+        ("llvmlite/binding/ffi.py", "__enter__", 0),  # with the lock of all that compiles
+        ("llvmlite/binding/ffi.py", "__del__", 0),
+        ("threading.py", "__exit__", 10),  # of a lock
+        ("runtime/runner.py", "_step", 1),
+        ("runtime/files.py", "write_whole", 1),
+    ],
+)
+def test_an_interrupt_at_any_moment(tmp_path, file, name, again):
+    """Whatever is being loaded, compiled, thrown away or waited for."""
+    scans = TINY / "scans" / "sequences" / "00"
+    run = ["run", str(scans), "--bundle", str(BUNDLE), "--threads", "1", "--out", str(tmp_path)]
+    done = subprocess.run(
+        [sys.executable, "-c", AT, file, name, str(again), *run], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "now\n", "there was no such moment"
+    assert done.returncode == 130
+    assert "mos: interrupted" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr
+
+
+def test_an_interrupt_while_a_kernel_is_compiled():
+    """It is compiled to its end: half of it would leave the compiler closed."""
+
+    @kernel
+    def added(a, b):
+        return a + b
+
+    cache_of(added).flush()  # of a test before
+    with on_compile(lambda _: interrupt()), pytest.raises(KeyboardInterrupt):
+        added(1, 2)
+    assert len(added.signatures) == 1
+    assert added(1, 2) == 3

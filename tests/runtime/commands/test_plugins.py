@@ -29,7 +29,7 @@ def mos(tmp_path):
 
     def run(*arguments):
         environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}", "COLUMNS": "200"}
-        command = [sys.executable, "-m", "runtime.commands.main", *arguments]
+        command = [sys.executable, "-m", "runtime.commands.start", *arguments]
         return subprocess.run(command, capture_output=True, text=True, env=environment, cwd=ROOT)
 
     return run

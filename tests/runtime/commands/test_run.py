@@ -172,7 +172,7 @@ def test_an_interrupt_keeps_what_is_finished(tmp_path):
     command = [
         sys.executable,
         "-m",
-        "runtime.commands.main",
+        "runtime.commands.start",
         "run",
         str(many),
         "--pose-frame",

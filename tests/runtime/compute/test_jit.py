@@ -53,7 +53,7 @@ def test_without_jit_it_says_what_it_cannot():
 def test_the_command_says_so_too(tmp_path):
     scans = BUNDLE.parent / "scans" / "sequences" / "00"
     done = subprocess.run(
-        [sys.executable, "-m", "runtime.commands.main", "run", str(scans), "--out", str(tmp_path / "out")],
+        [sys.executable, "-m", "runtime.commands.start", "run", str(scans), "--out", str(tmp_path / "out")],
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
         cwd=ROOT,
         capture_output=True,

@@ -59,7 +59,7 @@ def replayed(drive, folder, start, domain, poses, *options):
     """What was answered to a drive, and the two texts of `mos live`."""
     scans, truth = drive
     np.savez(folder / "drive.npz", poses=truth, mount=MOUNT, **{f"scan_{i}": scan for i, scan in enumerate(scans)})
-    live = start("runtime.commands.main", "live", "--bundle", BUNDLE, "--threads", 1, *options)
+    live = start("runtime.commands.start", "live", "--bundle", BUNDLE, "--threads", 1, *options)
     system = start("tests.support.ros_system", folder / "drive.npz", folder / "answers.npz", domain, poses)
     _, errors = system.communicate(timeout=LONGEST)
     if system.returncode:
@@ -112,7 +112,7 @@ def test_poses_are_found_where_none_come(drive, tmp_path, start, domain):
 
 def test_what_is_missing_is_said(start, domain, monkeypatch):
     """Nobody publishes the topic, and then somebody does, of another type."""
-    live = start("runtime.commands.main", "live", "--bundle", BUNDLE, "--topic", "points", "--threads", 1)
+    live = start("runtime.commands.start", "live", "--bundle", BUNDLE, "--topic", "points", "--threads", 1)
     line = ""
     while "nobody publishes /points yet (--domain); there is no topic at all" not in line:
         line = live.stderr.readline()
@@ -120,7 +120,7 @@ def test_what_is_missing_is_said(start, domain, monkeypatch):
     live.send_signal(signal.SIGTERM)
     shown, said = live.communicate(timeout=LONGEST)
     assert (live.returncode, shown) == (0, "0 scans; 0 dropped\n")
-    wrong = start("runtime.commands.main", "live", "--bundle", BUNDLE, "--topic", "/odom", "--threads", 1)
+    wrong = start("runtime.commands.start", "live", "--bundle", BUNDLE, "--topic", "/odom", "--threads", 1)
     monkeypatch.setenv("CYCLONEDDS_URI", ros_system.ALONE)
     system = ros_system.System(domain)
     shown, said = wrong.communicate(timeout=LONGEST)
@@ -130,7 +130,7 @@ def test_what_is_missing_is_said(start, domain, monkeypatch):
 
 
 def test_poses_that_are_needed_and_do_not_come(drive, start, domain, monkeypatch):
-    live = start("runtime.commands.main", "live", "--bundle", BUNDLE, "--odometry", "none", "--threads", 1)
+    live = start("runtime.commands.start", "live", "--bundle", BUNDLE, "--odometry", "none", "--threads", 1)
     monkeypatch.setenv("CYCLONEDDS_URI", ros_system.ALONE)
     system = ros_system.System(domain)
     system.tf_static.write(ros_system.transforms(MOUNT, 0.0, "base_link", "lidar"))
