@@ -94,7 +94,6 @@ PLACES = {
         "runtime/sensors/",
         (rf"[\"']({'|'.join(SENSORS)})[\"']", r"\bsimulate\(\w+, [^,)]+\)"),
         {
-            "bench/scans.py": "scans to measure times on, of the default sensor",
             "bench/sensors.py": "places and sensors that go together: a small room, fog",
             "bench/watching.py": "streets of several sensors, of which nothing is to be said",
         },
