@@ -4,7 +4,7 @@ Drives that neither training nor validation saw, and light traffic, as on most s
 movers than life, and a threshold chosen on them would raise false alarms.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -80,8 +80,11 @@ def calibrate(
     sensors: take turns; None: the network's own. Where there are others too, every second street is of the wide variety
     that they learnt from.
     """
-    pixels, points = Histogram(), Histogram()
     names = list(sensors or [found.config.sensor])
+    return histograms(found, _calibration_samples(found, streets, frames, names), candidate)
+
+
+def _calibration_samples(found: Checkpoint, streets: int, frames: int, names: Sequence[str]) -> Iterator[Sample]:
     for first, count, settings in (
         (CALIBRATION_STREETS, streets, {"movers": LIGHT_TRAFFIC}),
         (CALIBRATION_STREETS + 10_000, 5 * streets, {"movers": 0.0}),
@@ -91,10 +94,16 @@ def calibrate(
             samples = samples_of(found, names[number % len(names)])
             few = frames if settings["movers"] else 1
             drives = SimulatedStreets(samples, frames=few, every=4, first_street=first, street={**settings, **wide})
-            for sample in drives.group(number):
-                image, refined = probabilities(found, sample, candidate)
-                pixels.add(image, sample.labels)
-                points.add(refined, sample.classes)
+            yield from drives.group(number)
+
+
+def histograms(found: Checkpoint, samples: Iterable[Sample], candidate: float) -> tuple[Histogram, Histogram]:
+    """Histograms of the pixels and of the points of some samples, which have both."""
+    pixels, points = Histogram(), Histogram()
+    for sample in samples:
+        image, refined = probabilities(found, sample, candidate)
+        pixels.add(image, sample.labels)
+        points.add(refined, sample.classes)
     return pixels, points
 
 
