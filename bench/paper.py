@@ -3,7 +3,8 @@
 Table I and the ablation: every method trains from each seed on the same simulated drives for the same number of steps,
 and then a point head on its frozen image network. Thresholds come from calibration drives, scores from test drives
 through `MosRunner`. The sensor is an HDL-64E with half of its lasers and a quarter of its firings, 32 x 512, which
-leaves a point to a pixel as in the paper. The runtime table is what `bench.latency` measured last.
+leaves a point to a pixel as in the paper. The runtime table is what `bench.latency` and `bench.comparators` measured
+last.
 
 It may be stopped at any moment, and goes on with the same command: what lies in the folder of the runs is not done
 again. The first seed of all methods comes before the second. After each method the tables are written anew.
@@ -239,7 +240,13 @@ def bench(
     uses = ["test"] if kitti is None else ["test", "real 90"]
     found: dict[str, dict[str, list[Scores]]] = {use: {name: [] for name in names} for use in uses}
     left = [f"{name} of seed {seed}" for seed in range(seeds) for name in names]
-    results: dict[str, Any] = {}
+
+    def written() -> dict[str, Any]:
+        results = {**asdict(settings), **tables(found), "remaining": left}
+        save(out, threads, results)
+        return results
+
+    results = written()
     try:
         scored: dict[str, list[Drive]] = {"test": [real(path) for path in sorted(piece.drives("test").glob("*/*"))]}
         if kitti is not None:
@@ -250,27 +257,28 @@ def bench(
                 for use in uses:
                     found[use][name].append(of_all[use])
                 left.remove(f"{name} of seed {seed}")
-                results = {**asdict(settings), **tables(found), "remaining": left}
-                save(out, threads, results)
+                results = written()
     except Unfinished:
         pass
-    for use in uses:
-        show(f"moving IoU, %, {use}: {channels} channels, {steps} + {head_steps} steps", shown(summary(found[use])))
-    show("points of IoU", {one.pop("claim"): one for one in claims(found["test"])})
-    show("milliseconds a scan", results.get("runtimes", {}))
+    title = f"{channels} channels, {steps} + {head_steps} steps"
+    of_uses = {f"moving IoU, %, {use}: {title}": shown(results["summary"][use]) for use in uses}
+    pairs = {f"{one['better']} > {one['worse']}": one for one in results["claims"]}
+    for name, rows in (of_uses | {"points of IoU": pairs, "milliseconds a scan": results["runtimes"]}).items():
+        if rows:
+            show(name, rows)
     typer.echo(f"remaining: {', '.join(left) or 'nothing'}")
 
 
 def tables(found: dict[str, dict[str, list[Scores]]]) -> dict[str, Any]:
     """All that the JSON file says of the scores, by the drives and by method."""
-    latency = json.loads((ROOT / "bench/results/latency.json").read_text())
+    measured = (json.loads((ROOT / f"bench/results/{name}.json").read_text()) for name in ("latency", "comparators"))
     pooled = {kind: spread(found["test"], kind) for kind in ("none", "knn", "head")}
     return {
         "percent": found,
         "summary": {use: summary(rows) for use, rows in found.items()},
         "spread": {kind: round(one.deviation, 2) for kind, one in pooled.items() if one.freedom},
         "claims": list(claims(found["test"])),
-        "runtimes": runtimes(latency),
+        "runtimes": runtimes(*measured),
     }
 
 

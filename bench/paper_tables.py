@@ -2,7 +2,8 @@
 
 Spread: the standard deviation over the seeds of one method, pooled over all methods of a column. Two methods are told
 apart where their means differ by more than the least significant difference, t * spread * sqrt(2 / seeds), with t of
-95 % (Fisher). How many seeds would tell the paper's own difference apart follows from the same.
+95 % (Fisher); two post-processings of the same networks by what they gain seed by seed, without the 2. How many seeds
+would tell the paper's own difference apart follows from the same.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -50,7 +51,7 @@ CLAIMS = (  # the first is the better one in the paper
     (("e", "head"), ("a", "head")),
     (("e", "head"), ("cylinder3d", "none")),
 )
-RUNTIMES = {  # rows of `bench.latency`, and milliseconds of the paper on an RTX 3090
+RUNTIMES = {  # rows of `bench.latency` and `bench.comparators`, and milliseconds of the paper on an RTX 3090
     "LMNet, kNN": 13.31,
     "Cylinder3D": 124.38,
     "v1, kNN": 41.81,
@@ -67,16 +68,20 @@ class Spread(NamedTuple):
     deviation: float
     freedom: int  # degrees of freedom
 
-    def least(self, seeds: int) -> float | None:
-        """The difference of two means of so many seeds that is beyond chance; None: nothing can be said."""
+    def least(self, share: float) -> float | None:
+        """The difference beyond chance whose variance is this share of a seed's; None: nothing can be said."""
         from scipy.stats import t
 
-        return float(t.ppf(0.975, self.freedom) * self.deviation * (2 / seeds) ** 0.5) if self.freedom else None
+        return float(t.ppf(0.975, self.freedom) * self.deviation * share**0.5) if self.freedom else None
 
 
-def spread(found: Mapping[str, Seeds], kind: str) -> Spread:
-    """Pooled over the methods that have this post-processing."""
-    values = [[one[kind] for one in seeds] for seeds in found.values() if seeds and kind in seeds[0]]
+def spread(found: Mapping[str, Seeds], kind: str, less: str | None = None) -> Spread:
+    """Of a post-processing, or of what it gains over another of the same networks; pooled over methods that have it."""
+    values = [
+        [one[kind] - (one[less] if less else 0.0) for one in seeds]
+        for name, seeds in found.items()
+        if seeds and kind in METHODS[name].kinds
+    ]
     freedom = sum(len(each) - 1 for each in values)
     squares = sum(len(each) * float(np.var(each)) for each in values)
     return Spread((squares / freedom) ** 0.5 if freedom else float("nan"), freedom)
@@ -101,17 +106,19 @@ def summary(found: Mapping[str, Seeds]) -> dict[str, dict[str, Any]]:
 
 def claims(found: Mapping[str, Seeds]) -> Iterator[dict[str, Any]]:
     """How much better one method is than another, here and in the paper, and what would tell them apart."""
-    spreads = {kind: spread(found, kind) for kind in ("none", "knn", "head")}
     for (better, kind), (worse, other) in CLAIMS:
         seeds = min(len(found.get(better, ())), len(found.get(worse, ())))
         if not seeds:
             continue
         ours = _mean(found[better], kind) - _mean(found[worse], other)
         paper = METHODS[better].paper[kind] - METHODS[worse].paper[other]
-        wider = max(spreads[kind], spreads[other])
-        least = wider.least(seeds)
+        if better == worse:  # the same networks: what a seed gains
+            least = spread(found, kind, other).least(1 / seeds)
+        else:
+            least = max(spread(found, one) for one in (kind, other)).least(2 / seeds)
         yield {
-            "claim": f"{better}, {kind} > {worse}, {other}",
+            "better": f"{better}, {kind}",
+            "worse": f"{worse}, {other}",
             "points": round(ours, 1),
             "paper": round(paper, 1),
             "least_significant": None if least is None else round(least, 1),
@@ -128,6 +135,8 @@ def shown(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, str]]:
     """A summary for people: "31.2 ± 1.4", and the paper's number."""
     table: dict[str, dict[str, str]] = {}
     for name, row in rows.items():
+        if not row:
+            continue
         cells = table.setdefault(f"{name}: {METHODS[name].what}", {})
         for kind, one in row.items():
             around = "" if one["deviation"] is None else f" ± {one['deviation']:.1f}"
@@ -136,11 +145,12 @@ def shown(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, str]]:
     return table
 
 
-def runtimes(latency: Mapping[str, Any]) -> dict[str, dict[str, float | None]]:
-    """Milliseconds a scan that `bench.latency` measured, beside the paper's."""
-    measured = latency["rows"]
-    return {
-        name: {"ms": measured[name]["ms"]["scan"]["median"], "paper": paper}
-        for name, paper in RUNTIMES.items()
-        if name in measured
-    }
+def runtimes(latency: Mapping[str, Any], comparators: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Milliseconds a scan by `bench.latency`, or else `bench.comparators`, and of which CPU; beside the paper's."""
+    rows = {}
+    for name, paper in RUNTIMES.items():
+        for machine, measured in ((latency["machine"], latency["rows"]), (comparators["machine"], comparators)):
+            if name in measured and name not in rows:
+                ms = measured[name]["ms"]["scan"]["median"]
+                rows[name] = {"ms": ms, "cpu": machine["cpu"], "paper": paper}
+    return rows
