@@ -43,13 +43,14 @@ from mos_model.training.trainer import Limits
 from mos_model.tuning.thresholds import histograms
 from runtime import MosRunner
 from runtime.bundle.head_shape import SMALL
-from runtime.bundle.manifest import Tuned
 from runtime.bundle.residual import HISTORY
 from runtime.bundle.view import CylinderView
 from runtime.commands.handler import run_alone
+from runtime.errors import MosError
 from runtime.files import write_whole
 from runtime.sensors.range_image import RangeImage
 from runtime.sensors.registry import DEFAULT_SENSOR, SENSORS
+from runtime.typed_json import read_json
 
 LASERS, FIRINGS = 2, 4  # of which one is left
 COLUMNS = 512
@@ -178,7 +179,7 @@ class Piece:
         source = RecordedFrames(samples, tuple(labelled), frames, shuffle=False)
         self.minutes()
         whole = (sample for number in range(len(frames)) for sample in source.group(number))
-        pixels, points = histograms(found, whole, Tuned.candidate)
+        pixels, points = histograms(found, whole)
         of_head = None if found.point_head is None else points.best_threshold()[0]
         decision = {"threshold": pixels.best_threshold()[0], "head_threshold": of_head}
         training = {"decisions": {found.config.sensor: decision}, "trained": True, "data": "simulated drives"}
@@ -197,7 +198,7 @@ class Piece:
             }
             found = {kind: scores(confusion)["iou"] for kind, confusion in score(drives, systems).items()}
             write_whole(kept, json.dumps(found).encode())
-        read: Scores = json.loads(kept.read_text())
+        read: Scores = read_json(kept, MosError)
         return read
 
 
@@ -271,7 +272,7 @@ def bench(
 
 def tables(found: dict[str, dict[str, list[Scores]]]) -> dict[str, Any]:
     """All that the JSON file says of the scores, by the drives and by method."""
-    measured = (json.loads((ROOT / f"bench/results/{name}.json").read_text()) for name in ("latency", "comparators"))
+    measured = (read_json(ROOT / f"bench/results/{name}.json", MosError) for name in ("latency", "comparators"))
     pooled = {kind: spread(found["test"], kind) for kind in ("none", "knn", "head")}
     return {
         "percent": found,

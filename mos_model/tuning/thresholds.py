@@ -97,7 +97,9 @@ def _calibration_samples(found: Checkpoint, streets: int, frames: int, names: Se
             yield from drives.group(number)
 
 
-def histograms(found: Checkpoint, samples: Iterable[Sample], candidate: float) -> tuple[Histogram, Histogram]:
+def histograms(
+    found: Checkpoint, samples: Iterable[Sample], candidate: float = Tuned.candidate
+) -> tuple[Histogram, Histogram]:
     """Histograms of the pixels and of the points of some samples, which have both."""
     pixels, points = Histogram(), Histogram()
     for sample in samples:
