@@ -14,6 +14,7 @@ from mos_model.networks import checkpoint
 from mos_model.networks.registry import named_config
 from mos_model.publish import data_of, in_two, publish
 from mos_model.simulator import simulate
+from mos_model.tuning import belief
 from mos_model.tuning.belief import Believed, find_belief
 from mos_model.tuning.histogram import BINS, Histogram
 from mos_model.tuning.thresholds import calibrate, sensor_classes
@@ -111,7 +112,11 @@ def test_sensors_of_about_as_many_beams_share_thresholds():
     assert classes == [("hdl64e",), ("vlp16", "rs16"), ("hdl32e", "pandar40p"), ("os1-64",), ("vls128",)]
 
 
-def test_thresholds_of_belief_are_those_of_the_drives(tmp_path):
+def test_thresholds_of_belief_are_those_of_the_drives(tmp_path, monkeypatch):
+    def thin(seed, frames, sensor, **settings):
+        return simulate(seed, frames, replace(find_sensor(sensor), azimuth_steps=360), **settings)
+
+    monkeypatch.setattr(belief, "simulate", thin)
     torch.manual_seed(1)
     config = named_config("rt", 4, widths=(4, 4), other_sensors=("vlp16",), range_image=RangeImage(16, 64))
     path = tmp_path / "last.pt"

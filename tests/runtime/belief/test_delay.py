@@ -21,7 +21,7 @@ DELAY = 2
 
 @pytest.fixture(scope="module")
 def runner(bundle):
-    return MosRunner(bundle, threads=2, postprocess="none", delay=DELAY)
+    return MosRunner(bundle, threads=1, postprocess="none", delay=DELAY)
 
 
 def run(runner, scans):

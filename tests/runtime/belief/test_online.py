@@ -16,7 +16,7 @@ from tests.support.paths import BUNDLE
 
 @pytest.fixture(scope="module")
 def runner(bundle):
-    return MosRunner(bundle, threads=2, postprocess="none", belief="online")
+    return MosRunner(bundle, threads=1, postprocess="none", belief="online")
 
 
 def run(runner, scans):
@@ -34,7 +34,7 @@ def differ(a, b):
 
 
 def test_what_was_found_at_a_place_counts_there(bundle, runner, scans):
-    plain = run(MosRunner(bundle, threads=2, postprocess="none", belief="none"), scans)
+    plain = run(MosRunner(bundle, threads=1, postprocess="none", belief="none"), scans)
     believed = run(runner, scans)
     same(plain[0], believed[0])
     assert all(differ(a, b) for a, b in zip(plain[1:], believed[1:], strict=True))

@@ -46,13 +46,13 @@ def drive():
 
 @pytest.fixture(scope="module")
 def runner():
-    with MosRunner(BUNDLE, threads=2, postprocess="none") as made:
+    with MosRunner(BUNDLE, threads=1, postprocess="none") as made:
         yield made
 
 
 @pytest.fixture(scope="module")
 def default():
-    with MosRunner(threads=2, postprocess="none") as made:
+    with MosRunner(threads=1, postprocess="none") as made:
         yield made
 
 
@@ -119,8 +119,8 @@ def test_each_topic_once_until_reset(runner, drive):
 def test_where_warnings_are_errors_the_state_stays_as_it_was(drive):
     frames = scaled(poses=0.5)(drive)
     with (
-        MosRunner(BUNDLE, threads=2, postprocess="none") as plain,
-        MosRunner(BUNDLE, threads=2, postprocess="none") as strict,
+        MosRunner(BUNDLE, threads=1, postprocess="none") as plain,
+        MosRunner(BUNDLE, threads=1, postprocess="none") as strict,
     ):
         number, text = said(plain, frames)[0]
         for frame in frames[:number]:

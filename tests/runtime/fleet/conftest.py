@@ -31,7 +31,7 @@ def paths(drives):
 @pytest.fixture
 def work_at():
     """`work_at(out)`: label as `mos run --out OUT` does."""
-    return lambda out: settle(BUNDLE, RunnerSettings(threads=2), Options(), out, False, Wanted())
+    return lambda out: settle(BUNDLE, RunnerSettings(threads=1), Options(), out, False, Wanted())
 
 
 @pytest.fixture(scope="session")
@@ -39,7 +39,7 @@ def plain(drives, tmp_path_factory):
     """The bytes of every label, by its path below the output, each recording labelled by itself."""
     out = tmp_path_factory.mktemp("plain")
     for name in NAMES:
-        work = settle(BUNDLE, RunnerSettings(threads=2), Options(), out, False, Wanted())
+        work = settle(BUNDLE, RunnerSettings(threads=1), Options(), out, False, Wanted())
         label_here(work, [drives / name], hear=lambda event: None)
     found = labels(out)
     assert len(found) == COUNT * len(NAMES)
