@@ -1,6 +1,5 @@
 """What tests of all rooms share."""
 
-import os
 import sys
 from collections.abc import Callable
 from types import ModuleType
@@ -11,9 +10,6 @@ from tests.support import markdown
 from tests.support.paths import ROOT
 
 CONTRIBUTING = ROOT / "CONTRIBUTING.md"
-
-if "PYTEST_XDIST_WORKER" in os.environ:  # one of several processes, of which each keeps a core busy
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # PyTorch's; ours and ONNX Runtime's are the tests' to choose
 
 
 @pytest.fixture
