@@ -13,6 +13,7 @@ from runtime.doctor.diagnose import diagnose
 from runtime.doctor.findings import percent
 from runtime.doctor.sensor_of import in_own_frame, sensor_of
 from runtime.errors import MosWarning, some
+from runtime.files import locked
 from runtime.fleet.voice import Voice
 from runtime.fleet.wanted import Wanted
 from runtime.odometry.with_poses import with_poses
@@ -85,17 +86,18 @@ def warn_of_broken(name: str, broken: dict[str, str], voice: Voice) -> None:
 
 
 def write_beside(recording: Indexed, runner: MosRunner, out: Path, wanted: Wanted, voice: Voice) -> None:
-    """What is made of all labels of a recording."""
+    """What is made of all labels of a recording. Raises OutputError where another run has begun to write there."""
     labels = predictions_folder(out, recording.name)
-    if wanted.cloud:
-        voice.show(f"clouds: {labels.with_name('clouds')}")
-    if wanted.bag:
-        with voice.counted(f"{recording.name} with labels") as progress:
-            count = write_labelled_bag(recording, labels, _probabilities(labels), labels.with_name("bag"), progress)
-        voice.show(f"bag with labels: {_what_is_in(labels.with_name('bag'))}, {count} clouds")
-    if wanted.clean or wanted.map:
-        chosen = sensor_of(recording, runner.bundle.manifest, runner.settings.profile)
-        _write_left(recording, labels, wanted, chosen.mounting, voice)
+    with locked(labels.parent):  # what another run finds there that is not whole, it deletes
+        if wanted.cloud:
+            voice.show(f"clouds: {labels.with_name('clouds')}")
+        if wanted.bag:
+            with voice.counted(f"{recording.name} with labels") as progress:
+                count = write_labelled_bag(recording, labels, _probabilities(labels), labels.with_name("bag"), progress)
+            voice.show(f"bag with labels: {_what_is_in(labels.with_name('bag'))}, {count} clouds")
+        if wanted.clean or wanted.map:
+            chosen = sensor_of(recording, runner.bundle.manifest, runner.settings.profile)
+            _write_left(recording, labels, wanted, chosen.mounting, voice)
 
 
 def _clouds(labels: Path, wanted: Wanted) -> LabelledClouds:

@@ -114,9 +114,7 @@ ALONE = f"<CycloneDDS>{ALONE}</CycloneDDS>"
 def test_no_library_below_either(below, tmp_path):
     home, out, trace = tmp_path / "home", tmp_path / "out", tmp_path / "trace"
     out.mkdir()
-    environment = at_home(
-        home, CYCLONEDDS_URI=f"<CycloneDDS>{ALONE}</CycloneDDS>", ROS_DOMAIN_ID="213", PYTHONPATH=str(ROOT)
-    )
+    environment = at_home(home, CYCLONEDDS_URI=ALONE, ROS_DOMAIN_ID="213", PYTHONPATH=str(ROOT))
     command = [sys.executable, "-m", "runtime.commands.start", *map(str, COMMANDS[below]), "--bundle", str(BUNDLE)]
     with subprocess.Popen(
         [*STRACE, str(trace), *command], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True

@@ -8,9 +8,13 @@ import sys
 import pytest
 
 from runtime import MosRunner
+from runtime.commands.terminal_voice import TerminalVoice
 from runtime.errors import OutputError
 from runtime.files import locked
+from runtime.fleet import labelling
+from runtime.fleet.wanted import Wanted
 from runtime.predict import predict
+from runtime.recordings.recording import Options
 from runtime.recordings.registry import open_recording
 from tests.support.paths import ROOT, TINY
 
@@ -20,6 +24,9 @@ HOLD = """
 import sys, time
 from pathlib import Path
 from runtime.files import locked
+from runtime.commands.terminal_voice import TerminalVoice
+from runtime.fleet import labelling
+from runtime.fleet.wanted import Wanted
 with locked(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)
@@ -46,6 +53,22 @@ def test_a_run_beside_another(tmp_path, holder):
         holder.kill()  # a process that is gone keeps no lock
         holder.wait()
         assert predict(recording, runner, tmp_path / "out").scans == len(recording)
+
+
+def test_what_is_made_of_all_labels_is_made_within_the_lock(tmp_path, monkeypatch):
+    """Else a run that begins meanwhile deletes what is not whole yet, as left by one that was killed."""
+    held = []
+
+    def write(recording, labels, *others):
+        with pytest.raises(OutputError, match="another run writes there"), locked(labels.parent, wait=0):
+            pass
+        held.append(labels)
+
+    monkeypatch.setattr(labelling, "_write_left", write)
+    recording, out = open_recording(TINY / "scans" / "sequences" / "00"), tmp_path / "out"
+    with MosRunner(TINY / "bundle", threads=1, postprocess="none") as runner:
+        labelling.label(recording, runner, Options(), out, False, Wanted(map=True), TerminalVoice())
+    assert held == [out / "sequences" / "00" / "predictions"]
 
 
 def test_a_lock_is_let_go(tmp_path):

@@ -19,7 +19,7 @@ from tests.support.paths import ROOT
         (SettingError("no good; name another (`out`)"), 1, "tool: no good; name another (--out)\n"),
         (OutputError("disk full"), 1, "tool: disk full\n"),
         (PermissionError(13, "Permission denied", "x"), 1, "tool: [Errno 13] Permission denied: 'x'\n"),
-        (KeyboardInterrupt(), 130, ""),
+        (KeyboardInterrupt(), 130, "mos: interrupted\n"),
         (SystemError("returned a result"), None, ""),
     ],
 )
@@ -68,7 +68,7 @@ PROGRAMS = [
     file
     for room in ("runtime", "mos_model", "export", "bench")
     for file in (ROOT / room).rglob("*.py")
-    if "__main__" in file.read_text() and file != ROOT / "runtime" / "commands" / "main.py"
+    if "__main__" in file.read_text() and file != ROOT / "runtime" / "commands" / "start.py"
 ]
 
 
