@@ -174,7 +174,7 @@ class Piece:
         found, root = checkpoint.load(trained), self.drives("calibrate")
         samples = SampleConfig.of(found.config, points=True)
         names = sorted(path.name for path in (root / "sequences").iterdir())
-        labelled = open_labelled(root, names, found.config.range_image)
+        labelled = open_labelled(root, names, found.config.range_image, trusted=True)
         frames = tuple((i, HISTORY + k) for i in range(len(labelled)) for k in range(SCORED))
         source = RecordedFrames(samples, tuple(labelled), frames, shuffle=False)
         self.minutes()
