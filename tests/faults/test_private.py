@@ -105,8 +105,10 @@ COMMANDS = {
     "cyclonedds": ["live", "--topic", "points", "--threads", "1"],
 }
 NEAR = ("127.0.0.1", "239.255.0.1")  # where Cyclone DDS looks for others, on this machine alone
-ALONE = "<Domain><General><Interfaces><NetworkInterface name='lo'/></Interfaces></General></Domain>"
-ALONE = f"<CycloneDDS>{ALONE}</CycloneDDS>"
+ALONE = (
+    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo'/></Interfaces></General></Domain>"
+    "</CycloneDDS>"
+)
 
 
 @pytest.mark.skipif(not can_trace(), reason="needs strace, and to be allowed to")
